@@ -1,0 +1,1 @@
+//! Least squares with covariance and redundancy, robust weights, spatial resection, consensus.

@@ -1,0 +1,50 @@
+//! What the extraction of features needs of a picture: its size, and grey windows of it.
+
+/// A rectangle of whole pixels of the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PixelRect {
+    /// First column.
+    pub x: u32,
+    /// First row.
+    pub y: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// Grey values of a rectangle, averaged over square blocks of `reduction` pixels a side.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GreyWindow {
+    /// The top-left pixel of the rectangle in the file.
+    pub origin_px: [u32; 2],
+    /// Pixels of the file along one side of a cell of this window; 1 for the picture's own resolution.
+    pub reduction: u32,
+    /// Cells in a row.
+    pub width: usize,
+    /// Rows of cells.
+    pub height: usize,
+    /// Row by row, 0 for black to 255 for white (pictures of more bits are scaled, not cut).
+    pub grey: Vec<f32>,
+}
+
+/// A picture that could not be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{detail}")]
+pub struct PictureError {
+    /// What is wrong with it, in words for the user.
+    pub detail: String,
+}
+
+/// A source of grey windows.
+pub trait Picture: Send + Sync {
+    /// Columns and rows of the file.
+    fn size_px(&self) -> [u32; 2];
+
+    /// The part of `rect` that lies in the picture, reduced: `width = ceil(rect.width / reduction)` cells, those at
+    /// the right and lower rim averaged over the pixels that there are.
+    ///
+    /// # Errors
+    /// [`PictureError`] if the file is damaged there or cannot be read.
+    fn window(&self, rect: PixelRect, reduction: u32) -> Result<GreyWindow, PictureError>;
+}

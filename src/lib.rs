@@ -1,0 +1,16 @@
+//! Gable finds the exterior orientation of a single aerial image from the roof lines of buildings, and says whether
+//! its own answer may be used.
+//!
+//! The rooms, in reading order; each knows only those above it.
+
+pub mod geometry;
+
+pub mod estimation;
+
+pub mod features;
+
+pub mod orientation;
+
+pub mod diagnosis;
+
+pub mod pipeline;

@@ -1,0 +1,19 @@
+//! The orientation of one image, a file a stage, in the order in which data flows.
+
+use nalgebra::Vector3;
+
+use crate::geometry::Segment3;
+
+/// A control point: a building's roof edges in space with a reference point, as in Förstner and Läbe, figure 2.
+/// Coordinates are in the local tangent plane in which the image is oriented.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlPoint {
+    /// Its unique name.
+    pub name: String,
+    /// Standard deviation of its coordinates.
+    pub sigma_m: f64,
+    /// The reference point.
+    pub reference_m: Vector3<f64>,
+    /// The edges.
+    pub edges_m: Vec<Segment3>,
+}

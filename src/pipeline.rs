@@ -1,0 +1,178 @@
+//! Runs the stages and the diagnosis for one image, reports progress, and obeys a cancel.
+
+use nalgebra::{Matrix6, Vector2, Vector3};
+
+use crate::diagnosis::Diagnosis;
+use crate::features::{Picture, PictureError};
+use crate::geometry::{Camera, ExteriorOrientation, Segment2};
+use crate::orientation::ControlPoint;
+
+/// What is known of the orientation beforehand, in the local tangent plane at the approximate position.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Approximation {
+    /// Projection centre and rotation (kappa is arbitrary where `sigma_kappa_rad` is `None`).
+    pub orientation: ExteriorOrientation,
+    /// Standard deviations of the projection centre, east, north, up.
+    pub sigma_position_m: [f64; 3],
+    /// Standard deviation of omega and of phi.
+    pub sigma_tilt_rad: f64,
+    /// Standard deviation of kappa; `None`: nothing is known, the whole circle is searched.
+    pub sigma_kappa_rad: Option<f64>,
+}
+
+/// The largest planimetric error on the ground that the user can accept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Tolerance {
+    /// In ground sample distances of the image.
+    Gsd(f64),
+    /// In metres.
+    Metres(f64),
+}
+
+/// One image to orient.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Task {
+    /// The calibrated camera; its size is that of the picture.
+    pub camera: Camera,
+    /// The approximate orientation.
+    pub approximation: Approximation,
+    /// What the verdict is about.
+    pub tolerance: Tolerance,
+}
+
+/// The stages, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Where are the control points expected in the image?
+    Predict,
+    /// Line segments out of the pixels.
+    Extract,
+    /// Each control point by probabilistic clustering.
+    Locate,
+    /// Robust orientation with points.
+    Resect,
+    /// Robust adjustment with all line segments.
+    Adjust,
+    /// The verdict.
+    Diagnose,
+}
+
+impl Stage {
+    /// The stage's name in answers and logs.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Predict => "predict",
+            Self::Extract => "extract",
+            Self::Locate => "locate",
+            Self::Resect => "resect",
+            Self::Adjust => "adjust",
+            Self::Diagnose => "diagnose",
+        }
+    }
+}
+
+/// Who watches a run and may end it.
+pub trait Observer: Sync {
+    /// The run has come to `stage`, and to `fraction` (0 to 1) of the whole.
+    fn progress(&self, stage: Stage, fraction: f64);
+    /// Whether the run is to be given up; asked between small pieces of work.
+    fn cancelled(&self) -> bool {
+        false
+    }
+}
+
+/// The adjusted orientation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// Projection centre and rotation in the local tangent plane.
+    pub orientation: ExteriorOrientation,
+    /// Covariance of `[dX0, theta]` (see `ExteriorOrientation::moved`), times max(1, sigma0)².
+    pub covariance: Matrix6<f64>,
+    /// Standard deviation of unit weight of the last step that was reached.
+    pub sigma0: f64,
+    /// Redundancy of that step.
+    pub redundancy: usize,
+    /// lambda_max against four control points in the corners.
+    pub configuration: f64,
+}
+
+/// What became of one control point that was expected in the image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlPointResult {
+    /// Its name.
+    pub name: String,
+    /// Its reference point under the approximate orientation, in pixels of the file.
+    pub predicted_px: Option<Vector2<f64>>,
+    /// Its reference point where it was found.
+    pub located_px: Option<Vector2<f64>>,
+    /// Whether it took part in the last step.
+    pub used: bool,
+    /// Its edges that have a line segment in the image.
+    pub segments_matched: usize,
+    /// Root mean square of the distances of its matched segments' ends from the projected edges.
+    pub residual_px: Option<f64>,
+}
+
+/// One edge under the final orientation, for the overlay. Pixels of the file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EdgeResult {
+    /// Index into `Outcome::control_points`.
+    pub control_point: usize,
+    /// The projected edge.
+    pub projected_px: Segment2,
+    /// The line segments of the image that were matched to it.
+    pub matched_px: Vec<Segment2>,
+}
+
+/// The predicted precision of one point of the ground, if the orientation is right.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroundPrecision {
+    /// The image point, in pixels of the file.
+    pub image_px: Vector2<f64>,
+    /// Where its ray meets the horizontal plane at the mean height of the control used.
+    pub ground_m: Vector3<f64>,
+    /// sqrt(variance east + variance north).
+    pub sigma_planimetric_m: f64,
+}
+
+/// All that is known of the image afterwards.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// The orientation, if any was found.
+    pub estimate: Option<Estimate>,
+    /// The control points that were expected in the image.
+    pub control_points: Vec<ControlPointResult>,
+    /// Their edges under the final orientation; empty without one.
+    pub edges: Vec<EdgeResult>,
+    /// The nine points of the ground at 5, 50 and 95 % of width and height; those whose rays miss it are left out.
+    pub ground_precision: Vec<GroundPrecision>,
+    /// The verdict.
+    pub diagnosis: Diagnosis,
+}
+
+/// Why a run ended without an outcome. (An image that cannot be oriented is an outcome: red, with reasons.)
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Fault {
+    /// The picture is damaged or cannot be read.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// The observer asked for it.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// Orients one image by the control points around it (given in the same local tangent plane as the approximation;
+/// those that cannot be in view are ignored).
+///
+/// # Errors
+/// [`Fault`] if the picture cannot be read or the observer cancels.
+pub fn orient(
+    _picture: &dyn Picture,
+    _control: &[ControlPoint],
+    _task: &Task,
+    _observer: &dyn Observer,
+) -> Result<Outcome, Fault> {
+    Err(Fault::Cancelled)
+}
