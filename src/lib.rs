@@ -14,3 +14,11 @@ pub mod orientation;
 pub mod diagnosis;
 
 pub mod pipeline;
+
+pub mod imagery;
+
+pub mod store;
+
+pub mod configuration;
+
+pub mod http;

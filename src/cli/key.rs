@@ -1,0 +1,100 @@
+//! `gable key`.
+
+use anyhow::bail;
+use clap::{Args, Subcommand};
+use gable::store::Store;
+use gable::store::keys::{Role, random_secret};
+use uuid::Uuid;
+
+use super::Settings;
+
+const EXAMPLES: &str = "\
+Examples:
+  gable key new --role admin --name anna
+      Makes a key and prints it, this once. Send it as `Authorization: Bearer <key>`.
+
+  gable key list --data /srv/gable
+      Shows all keys: id, role, name, when made, when revoked. The keys themselves are not stored.
+
+  gable key revoke 0199f3c2-8d8e-7c60-a5e4-2f1d3c4b5a69
+      Ends a key at once, also for a service that is running.";
+
+/// Make, list and revoke keys of the API
+///
+/// Roles: a reader may look, an operator may also upload, import and orient, an admin may do everything.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Key {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Make a key and print it
+    #[command(after_help = "Example:\n  gable key new --role operator --name production")]
+    New {
+        /// What it allows: reader, operator or admin.
+        #[arg(long)]
+        role: Role,
+        /// Whose it is, or what for.
+        #[arg(long, default_value = "")]
+        name: String,
+        #[command(flatten)]
+        settings: Settings,
+    },
+    /// Show all keys
+    #[command(after_help = "Example:\n  gable key list --data /srv/gable")]
+    List {
+        #[command(flatten)]
+        settings: Settings,
+    },
+    /// End a key at once
+    #[command(after_help = "Example:\n  gable key revoke 0199f3c2-8d8e-7c60-a5e4-2f1d3c4b5a69")]
+    Revoke {
+        /// The id that `gable key list` shows.
+        id: Uuid,
+        #[command(flatten)]
+        settings: Settings,
+    },
+}
+
+impl Key {
+    pub(crate) async fn run(self) -> anyhow::Result<()> {
+        match self.action {
+            Action::New { role, name, settings } => new(&open(&settings).await?, role, &name).await,
+            Action::List { settings } => list(&open(&settings).await?).await,
+            Action::Revoke { id, settings } => revoke(&open(&settings).await?, id).await,
+        }
+    }
+}
+
+async fn open(settings: &Settings) -> anyhow::Result<Store> {
+    Ok(Store::open(&settings.gather(&[])?.data).await?)
+}
+
+#[expect(clippy::print_stdout, reason = "the key is what was asked for")]
+async fn new(store: &Store, role: Role, name: &str) -> anyhow::Result<()> {
+    let secret = random_secret()?;
+    let key = store.add_key(&secret, name, role).await?;
+    tracing::info!(id = %key.id, %role, name, "made a key; it is shown only now");
+    println!("{secret}");
+    Ok(())
+}
+
+#[expect(clippy::print_stdout, reason = "the list is what was asked for")]
+async fn list(store: &Store) -> anyhow::Result<()> {
+    for key in store.keys().await? {
+        let revoked = key.revoked_at.map_or_else(|| String::from("valid"), |at| format!("revoked {at:.0?}"));
+        println!("{}  {:<8}  {:<20}  made {:.0?}  {revoked}", key.id, key.role.name(), key.name, key.created_at);
+    }
+    Ok(())
+}
+
+async fn revoke(store: &Store, id: Uuid) -> anyhow::Result<()> {
+    if !store.revoke_key(id).await? {
+        bail!("there is no valid key with the id {id}");
+    }
+    tracing::info!(%id, "revoked");
+    Ok(())
+}

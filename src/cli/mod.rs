@@ -1,0 +1,98 @@
+//! The command line: one file a command.
+
+mod key;
+mod openapi;
+mod serve;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use clap::{Args, Parser, Subcommand};
+use gable::configuration::{Configuration, ConfigurationError, LogFormat};
+use tracing_subscriber::EnvFilter;
+
+/// Finds the exterior orientation of single aerial images from roof lines of buildings, and says whether it can be
+/// trusted.
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true, max_term_width = 120)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Serve(serve::Serve),
+    Key(key::Key),
+    Openapi(openapi::OpenApi),
+}
+
+impl Command {
+    async fn run(self) -> anyhow::Result<()> {
+        match self {
+            Self::Serve(command) => command.run().await,
+            Self::Key(command) => command.run().await,
+            Self::Openapi(command) => command.run(),
+        }
+    }
+}
+
+/// Where the settings come from; for every command that uses the data folder.
+#[derive(Debug, Args)]
+struct Settings {
+    /// Data folder: database and pictures. [env: GABLE_DATA] [default: gable-data]
+    #[arg(long, value_name = "FOLDER")]
+    data: Option<PathBuf>,
+    /// TOML file with settings.
+    #[arg(long, value_name = "FILE", env = "GABLE_CONFIG")]
+    config: Option<PathBuf>,
+}
+
+impl Settings {
+    /// The settings with further flags on top, and the log begun.
+    fn gather(&self, flags: &[(&'static str, Option<String>)]) -> anyhow::Result<Configuration> {
+        let data = self.data.as_ref().map(|folder| folder.to_string_lossy().into_owned());
+        let given = |(name, value): (&'static str, Option<String>)| value.map(|value| (name, value));
+        let flags: Vec<_> = flags.iter().cloned().chain([("data", data)]).filter_map(given).collect();
+        let environment = std::env::vars_os()
+            .filter_map(|(name, value)| Some((name.into_string().ok()?, value.to_string_lossy().into_owned())));
+        let (configuration, ignored) = Configuration::gather(self.config.as_deref(), environment, &flags)?;
+        begin_log(&configuration)?;
+        if !ignored.is_empty() {
+            tracing::warn!(variables = ignored.join(" "), "these variables name no setting and are ignored");
+        }
+        Ok(configuration)
+    }
+}
+
+fn begin_log(configuration: &Configuration) -> anyhow::Result<()> {
+    let filter = EnvFilter::try_new(&configuration.log).map_err(|error| ConfigurationError::Unreadable {
+        detail: format!("log is {:?}, which is not a filter such as info,gable=debug: {error}", configuration.log),
+    })?;
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let begun = match configuration.log_format {
+        LogFormat::Text => log.try_init(),
+        LogFormat::Json => log.json().flatten_event(true).try_init(),
+    };
+    begun.map_err(|error| anyhow::anyhow!(error)).context("the log cannot be begun")
+}
+
+/// Reads the command line and does what it says. Status 2 is for settings and arguments that cannot be used.
+pub(crate) fn run() -> ExitCode {
+    let cli = Cli::parse();
+    let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(error) => return failed(&error.into()),
+    };
+    let result = runtime.block_on(cli.command.run());
+    // a blocking job that does not heed its cancel must not hold up the end
+    runtime.shutdown_background();
+    result.map_or_else(|error| failed(&error), |()| ExitCode::SUCCESS)
+}
+
+#[expect(clippy::print_stderr, reason = "the last word of a program that has failed")]
+fn failed(error: &anyhow::Error) -> ExitCode {
+    eprintln!("gable: {error:#}");
+    if error.is::<ConfigurationError>() { ExitCode::from(2) } else { ExitCode::FAILURE }
+}

@@ -1,0 +1,244 @@
+//! The settings of the service: a TOML file, overruled by `GABLE_*` in the environment, overruled by flags.
+//!
+//! The names are the same everywhere: `upload_max_bytes = 1000000` in the file is `GABLE_UPLOAD_MAX_BYTES=1000000` in
+//! the environment. Each has its unit in its name.
+
+use std::collections::HashMap;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::imagery::Limits;
+
+/// How the log is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line, for log collectors.
+    Json,
+}
+
+/// All settings. Durations are in seconds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
+pub struct Configuration {
+    /// Address and port that the service listens on.
+    pub listen: SocketAddr,
+    /// The data folder: database and pictures.
+    pub data: PathBuf,
+    /// What is logged, as in `info,gable=debug`.
+    pub log: String,
+    /// How it is logged.
+    pub log_format: LogFormat,
+    /// The largest image that may be uploaded.
+    pub upload_max_bytes: u64,
+    /// The largest body of any other request but an import of control points.
+    pub body_max_bytes: usize,
+    /// The largest body of an import of control points.
+    pub import_max_bytes: usize,
+    /// The longest side of an image, in pixels.
+    pub image_max_side_px: u32,
+    /// The most pixels of a TIFF, which is read in windows.
+    pub image_max_pixels: u64,
+    /// The most pixels of a JPEG or PNG, which must be decoded as a whole.
+    pub image_max_whole_pixels: u64,
+    /// The most memory that decoding a JPEG or PNG may take.
+    pub image_max_decode_bytes: u64,
+    /// Connections at a time; further ones wait to be accepted.
+    pub connections_max: usize,
+    /// How long a client may take to send the head of a request, or leave a connection idle.
+    pub head_timeout_s: u64,
+    /// How long a client may pause while it sends a body.
+    pub body_idle_timeout_s: u64,
+    /// How long requests may go on after the order to stop.
+    pub shutdown_timeout_s: u64,
+    /// How long answers to requests with an `Idempotency-Key` are kept.
+    pub idempotency_kept_s: u64,
+    /// The longest `Prefer: wait` that is honoured.
+    pub wait_max_s: u64,
+    /// Images oriented at a time; 0 is one for each processor core.
+    pub workers: usize,
+    /// Orientations that may wait in the queue; further ones get 503.
+    pub queue_max_jobs: u32,
+    /// How often an orientation is tried that took the service down with it.
+    pub job_max_attempts: u32,
+    /// How long one attempt at an orientation may take.
+    pub job_timeout_s: u64,
+}
+
+impl Default for Configuration {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            data: PathBuf::from("gable-data"),
+            log: String::from("info"),
+            log_format: LogFormat::Text,
+            upload_max_bytes: 2_000_000_000,
+            body_max_bytes: 1_000_000,
+            import_max_bytes: 100_000_000,
+            image_max_side_px: 60_000,
+            image_max_pixels: 1_000_000_000,
+            image_max_whole_pixels: 120_000_000,
+            image_max_decode_bytes: 512 << 20,
+            connections_max: 1024,
+            head_timeout_s: 10,
+            body_idle_timeout_s: 30,
+            shutdown_timeout_s: 25,
+            idempotency_kept_s: 24 * 3600,
+            wait_max_s: 300,
+            workers: 0,
+            queue_max_jobs: 10_000,
+            job_max_attempts: 3,
+            job_timeout_s: 600,
+        }
+    }
+}
+
+/// A setting that cannot be used. One line, naming the key and what would be right.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConfigurationError {
+    /// A file, variable or flag cannot be read as its setting.
+    #[error("{detail}")]
+    Unreadable {
+        /// What and where.
+        detail: String,
+    },
+    /// A value makes no sense.
+    #[error("{key} is {value}; it must be {wanted}")]
+    OutOfRange {
+        /// The setting.
+        key: &'static str,
+        /// As given.
+        value: String,
+        /// What would do.
+        wanted: &'static str,
+    },
+}
+
+const PREFIX: &str = "GABLE_";
+
+/// Variables that begin with `GABLE_` and are no settings.
+const OTHER_VARIABLES: [&str; 2] = ["GABLE_CONFIG", "GABLE_BOOTSTRAP_KEY"];
+
+impl Configuration {
+    /// Gathers the settings. `flags` are pairs of a setting's name and its value as text. Variables that begin with
+    /// `GABLE_` but name no setting are left out and returned: an orchestrator may have set them.
+    ///
+    /// # Errors
+    /// [`ConfigurationError`] names the first setting that cannot be used.
+    pub fn gather(
+        file: Option<&Path>,
+        environment: impl IntoIterator<Item = (String, String)>,
+        flags: &[(&'static str, String)],
+    ) -> Result<(Self, Vec<String>), ConfigurationError> {
+        let names = Self::names();
+        let (known, other): (HashMap<_, _>, HashMap<_, _>) = environment
+            .into_iter()
+            .filter(|(name, _)| name.starts_with(PREFIX) && !OTHER_VARIABLES.contains(&name.as_str()))
+            .partition(|(name, _)| names.contains(&name[PREFIX.len()..].to_lowercase()));
+        let mut builder = config::Config::builder();
+        if let Some(file) = file {
+            builder = builder.add_source(config::File::from(file).format(config::FileFormat::Toml));
+        }
+        let variables = config::Environment::with_prefix("GABLE").try_parsing(true).source(Some(known));
+        builder = builder.add_source(variables);
+        for (name, value) in flags {
+            builder = builder.set_override(*name, value.as_str()).map_err(unreadable)?;
+        }
+        let configuration: Self = builder.build().and_then(config::Config::try_deserialize).map_err(unreadable)?;
+        configuration.check()?;
+        let mut ignored: Vec<String> = other.into_keys().collect();
+        ignored.sort_unstable();
+        Ok((configuration, ignored))
+    }
+
+    /// The names of all settings.
+    #[must_use]
+    pub fn names() -> Vec<String> {
+        match serde_json::to_value(Self::default()) {
+            Ok(serde_json::Value::Object(settings)) => settings.into_iter().map(|(name, _)| name).collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Images oriented at a time.
+    #[must_use]
+    pub fn worker_count(&self) -> usize {
+        match self.workers {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            given => given,
+        }
+    }
+
+    /// What is read of pictures; what is no setting is as the room of the pictures has it.
+    #[must_use]
+    pub fn image_limits(&self) -> Limits {
+        Limits {
+            max_side_px: self.image_max_side_px,
+            max_pixels: self.image_max_pixels,
+            max_whole_pixels: self.image_max_whole_pixels,
+            max_decode_bytes: self.image_max_decode_bytes,
+            ..Limits::default()
+        }
+    }
+
+    /// How long answers to requests with an `Idempotency-Key` are kept.
+    #[must_use]
+    pub fn idempotency_kept(&self) -> Duration {
+        Duration::from_secs(self.idempotency_kept_s)
+    }
+
+    fn check(&self) -> Result<(), ConfigurationError> {
+        let positive: [(&'static str, u64); 14] = [
+            ("upload_max_bytes", self.upload_max_bytes),
+            ("body_max_bytes", self.body_max_bytes as u64),
+            ("import_max_bytes", self.import_max_bytes as u64),
+            ("image_max_side_px", self.image_max_side_px.into()),
+            ("image_max_pixels", self.image_max_pixels),
+            ("image_max_whole_pixels", self.image_max_whole_pixels),
+            ("image_max_decode_bytes", self.image_max_decode_bytes),
+            ("connections_max", self.connections_max as u64),
+            ("head_timeout_s", self.head_timeout_s),
+            ("body_idle_timeout_s", self.body_idle_timeout_s),
+            ("idempotency_kept_s", self.idempotency_kept_s),
+            ("queue_max_jobs", self.queue_max_jobs.into()),
+            ("job_max_attempts", self.job_max_attempts.into()),
+            ("job_timeout_s", self.job_timeout_s),
+        ];
+        for (key, value) in positive {
+            if value == 0 {
+                return Err(ConfigurationError::OutOfRange { key, value: value.to_string(), wanted: "at least 1" });
+            }
+        }
+        const LONGEST_S: u64 = 366 * 24 * 3600;
+        let durations = [
+            ("head_timeout_s", self.head_timeout_s),
+            ("body_idle_timeout_s", self.body_idle_timeout_s),
+            ("shutdown_timeout_s", self.shutdown_timeout_s),
+            ("idempotency_kept_s", self.idempotency_kept_s),
+            ("wait_max_s", self.wait_max_s),
+            ("job_timeout_s", self.job_timeout_s),
+        ];
+        for (key, value) in durations {
+            if value > LONGEST_S {
+                return Err(ConfigurationError::OutOfRange { key, value: value.to_string(), wanted: "at most a year" });
+            }
+        }
+        if self.connections_max > tokio::sync::Semaphore::MAX_PERMITS {
+            let value = self.connections_max.to_string();
+            return Err(ConfigurationError::OutOfRange { key: "connections_max", value, wanted: "a sensible number" });
+        }
+        Ok(())
+    }
+}
+
+fn unreadable(error: impl std::fmt::Display) -> ConfigurationError {
+    let detail = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+    ConfigurationError::Unreadable { detail }
+}

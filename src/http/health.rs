@@ -1,0 +1,69 @@
+//! Whether the service lives, and whether it can do its work.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::{Json, response::IntoResponse};
+use serde::Serialize;
+use utoipa::ToSchema;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::state::AppState;
+
+const DATABASE_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// The routes of the health checks.
+pub fn routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(live)).routes(routes!(ready))
+}
+
+/// The state of the service.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Health {
+    /// `live`, `ready` or `not ready`.
+    #[schema(example = "ready")]
+    status: &'static str,
+    /// The parts that cannot do their work, with the reasons.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    not_ready: BTreeMap<&'static str, String>,
+}
+
+/// Does the service live?
+///
+/// 200 as long as the process answers at all. One that does not should be started anew.
+#[utoipa::path(get, path = "/health/live", tag = "service", security(()),
+    responses((status = 200, description = "It does", body = Health)))]
+async fn live() -> Json<Health> {
+    Json(Health { status: "live", not_ready: BTreeMap::new() })
+}
+
+/// Can the service do its work?
+///
+/// 503, naming what is not ready, while a part of it cannot do its work or the service is about to end: send requests
+/// elsewhere until it is ready again.
+#[utoipa::path(get, path = "/health/ready", tag = "service", security(()),
+    responses(
+        (status = 200, description = "It can", body = Health),
+        (status = 503, description = "It cannot, for the reasons named", body = Health),
+    ))]
+async fn ready(State(state): State<AppState>) -> impl IntoResponse {
+    let mut not_ready = state.readiness.blocked();
+    match tokio::time::timeout(DATABASE_TIMEOUT, state.store.ping()).await {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => {
+            tracing::error!(%error, "the database does not answer");
+            not_ready.insert("database", String::from("does not answer"));
+        }
+        Err(_) => {
+            not_ready.insert("database", format!("has not answered within {} s", DATABASE_TIMEOUT.as_secs()));
+        }
+    }
+    if not_ready.is_empty() {
+        (StatusCode::OK, Json(Health { status: "ready", not_ready }))
+    } else {
+        (StatusCode::SERVICE_UNAVAILABLE, Json(Health { status: "not ready", not_ready }))
+    }
+}

@@ -1,0 +1,72 @@
+//! The contract as a document, and as pages to read and try.
+
+use std::sync::Arc;
+
+use axum::Extension;
+use axum::http::header;
+use axum::response::IntoResponse;
+use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
+use utoipa::{Modify, OpenApi};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+use utoipa_swagger_ui::{Config, SwaggerUi};
+
+use super::state::AppState;
+
+/// Where the document is.
+const DOCUMENT: &str = "/api/v1/openapi.json";
+
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Gable",
+        description = "Exterior orientation of single aerial images from roof lines of buildings, with a verdict on its \
+                       own answer.\n\nErrors are `application/problem+json`. Lists are paged: give `next_cursor` as \
+                       `cursor` to get on. A `POST` with an `Idempotency-Key` that is sent again with the same body \
+                       gives the first answer again. Ids are UUIDv7, times RFC 3339 in UTC.",
+    ),
+    modifiers(&Keys),
+    security(("key" = [])),
+    tags(
+        (name = "cameras", description = "Interior orientations."),
+        (name = "images", description = "Aerial images."),
+        (name = "service", description = "Health, figures, this document."),
+    ),
+)]
+struct Document;
+
+struct Keys;
+
+impl Modify for Keys {
+    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        let mut scheme = Http::new(HttpAuthScheme::Bearer);
+        scheme.description = Some(String::from("A key made by `gable key new`."));
+        document.components.get_or_insert_default().add_security_scheme("key", SecurityScheme::Http(scheme));
+    }
+}
+
+/// A router that begins with what is said of the contract as a whole.
+pub fn base() -> OpenApiRouter<AppState> {
+    OpenApiRouter::with_openapi(Document::openapi())
+}
+
+/// The routes of the document.
+pub fn routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(document))
+}
+
+/// The text of the document, shared with its handler.
+#[derive(Clone)]
+pub struct Text(pub Arc<str>);
+
+/// This document
+#[utoipa::path(get, path = "/openapi.json", tag = "service", security(()),
+    responses((status = 200, description = "OpenAPI 3.1", body = serde_json::Value)))]
+async fn document(Extension(Text(text)): Extension<Text>) -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, "application/json")], text.to_string())
+}
+
+/// The pages: Swagger UI, out of the binary.
+pub fn pages() -> axum::Router<AppState> {
+    SwaggerUi::new("/docs").config(Config::from(DOCUMENT).try_it_out_enabled(true).persist_authorization(false)).into()
+}

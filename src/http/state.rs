@@ -1,0 +1,78 @@
+//! What all handlers share.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::configuration::Configuration;
+use crate::store::{Store, StoreError};
+
+/// What all handlers share. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct AppState {
+    /// Cameras, images, keys; and the database for other rooms.
+    pub store: Store,
+    /// The settings.
+    pub configuration: Arc<Configuration>,
+    /// Whether the service can do its work.
+    pub readiness: Readiness,
+    key_was_made: Arc<AtomicBool>,
+}
+
+impl AppState {
+    /// The state of a service over `store`.
+    #[must_use]
+    pub fn new(store: Store, configuration: Configuration) -> Self {
+        Self {
+            store,
+            configuration: Arc::new(configuration),
+            readiness: Readiness::default(),
+            key_was_made: Arc::default(),
+        }
+    }
+
+    /// Whether only programs on this machine can reach the service.
+    #[must_use]
+    pub fn listens_on_loopback(&self) -> bool {
+        self.configuration.listen.ip().is_loopback()
+    }
+
+    /// Whether a key was ever made, also by another process a moment ago.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn any_key(&self) -> Result<bool, StoreError> {
+        if self.key_was_made.load(Ordering::Relaxed) {
+            return Ok(true);
+        }
+        let made = self.store.any_key().await?;
+        self.key_was_made.fetch_or(made, Ordering::Relaxed);
+        Ok(made)
+    }
+}
+
+/// What keeps the service from doing its work, part by part. Cheap to clone; all clones are the same.
+#[derive(Debug, Clone, Default)]
+pub struct Readiness(Arc<Mutex<BTreeMap<&'static str, String>>>);
+
+impl Readiness {
+    /// A part cannot do its work, and why.
+    pub fn block(&self, part: &'static str, reason: impl Into<String>) {
+        self.parts().insert(part, reason.into());
+    }
+
+    /// A part can do its work again.
+    pub fn clear(&self, part: &str) {
+        self.parts().remove(part);
+    }
+
+    /// The parts that cannot do their work, with the reasons.
+    #[must_use]
+    pub fn blocked(&self) -> BTreeMap<&'static str, String> {
+        self.parts().clone()
+    }
+
+    fn parts(&self) -> std::sync::MutexGuard<'_, BTreeMap<&'static str, String>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,306 @@
+//! Images: the uploaded bytes as files named by their SHA-256, and a row for each that is complete.
+//!
+//! An upload is written to `incoming/` and locked there. When it is whole it is synced, moved to its name in
+//! `images/`, the folder is synced, and only then is its row written: what has a row has its file, on disk.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use sha2::{Digest as _, Sha256};
+use sqlx::FromRow;
+use tokio::io::AsyncWriteExt as _;
+use uuid::Uuid;
+
+use super::{Store, StoreError, now};
+
+pub(super) const FOLDER: &str = "images";
+pub(super) const INCOMING: &str = "incoming";
+/// A file without a row may belong to an upload that another process is just finishing; later than this it does not.
+const FILE_WITHOUT_ROW_KEPT: Duration = Duration::from_secs(3600);
+
+/// A stored image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image {
+    /// UUIDv7.
+    pub id: Uuid,
+    /// Of the file's bytes.
+    pub sha256: [u8; 32],
+    /// Length of the file.
+    pub size_bytes: u64,
+    /// What the file is.
+    pub header: Header,
+    /// When it was first uploaded.
+    pub created_at: DateTime<Utc>,
+}
+
+/// What the head of an image file tells.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Header {
+    /// `jpeg`, `png` or `tiff`.
+    pub format: String,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Where it was taken, if EXIF says.
+    pub position: Option<GeographicPosition>,
+}
+
+/// A position as EXIF gives it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GeographicPosition {
+    /// East of Greenwich, WGS 84.
+    pub longitude_deg: f64,
+    /// North of the equator, WGS 84.
+    pub latitude_deg: f64,
+    /// Above the geoid, if there is a height.
+    pub height_m: Option<f64>,
+}
+
+#[derive(FromRow)]
+struct Row {
+    id: Uuid,
+    sha256: Vec<u8>,
+    size_bytes: i64,
+    format: String,
+    width_px: u32,
+    height_px: u32,
+    longitude_deg: Option<f64>,
+    latitude_deg: Option<f64>,
+    height_m: Option<f64>,
+    created_at: DateTime<Utc>,
+}
+
+impl TryFrom<Row> for Image {
+    type Error = StoreError;
+
+    fn try_from(row: Row) -> Result<Self, StoreError> {
+        let unknown = |what, value: String| StoreError::Unknown { what, value };
+        let position = match (row.longitude_deg, row.latitude_deg) {
+            (Some(longitude_deg), Some(latitude_deg)) => {
+                Some(GeographicPosition { longitude_deg, latitude_deg, height_m: row.height_m })
+            }
+            _ => None,
+        };
+        Ok(Self {
+            id: row.id,
+            sha256: row.sha256.try_into().map_err(|bytes: Vec<u8>| unknown("SHA-256", hexadecimal(&bytes)))?,
+            size_bytes: u64::try_from(row.size_bytes).map_err(|_| unknown("size", row.size_bytes.to_string()))?,
+            header: Header { format: row.format, width_px: row.width_px, height_px: row.height_px, position },
+            created_at: row.created_at,
+        })
+    }
+}
+
+/// An upload under way. Dropped before it is kept, its file goes too.
+#[derive(Debug)]
+pub struct Upload {
+    file: tokio::fs::File,
+    temporary: Temporary,
+    hash: Sha256,
+    size_bytes: u64,
+}
+
+/// An upload that has come to its end and is on disk, but has no row yet.
+#[derive(Debug)]
+pub struct Received {
+    // open and locked until the row is written
+    _file: tokio::fs::File,
+    temporary: Temporary,
+    /// Of its bytes.
+    pub sha256: [u8; 32],
+    /// Its length.
+    pub size_bytes: u64,
+}
+
+#[derive(Debug)]
+struct Temporary(PathBuf);
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        if let Err(error) = fs::remove_file(&self.0)
+            && error.kind() != std::io::ErrorKind::NotFound
+        {
+            tracing::warn!(%error, path = %self.0.display(), "an abandoned upload could not be removed");
+        }
+    }
+}
+
+impl Upload {
+    /// Appends bytes.
+    ///
+    /// # Errors
+    /// [`StoreError::File`], for example when the disk is full.
+    pub async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        self.hash.update(bytes);
+        self.size_bytes += bytes.len() as u64;
+        self.file.write_all(bytes).await.map_err(|source| file_error("cannot write", &self.temporary.0, source))
+    }
+
+    /// Bytes written so far.
+    #[must_use]
+    pub fn size_bytes(&self) -> u64 {
+        self.size_bytes
+    }
+
+    /// Ends the upload: when this returns, its bytes are on disk.
+    ///
+    /// # Errors
+    /// [`StoreError::File`].
+    pub async fn complete(mut self) -> Result<Received, StoreError> {
+        let synced = async {
+            self.file.flush().await?;
+            self.file.sync_all().await
+        };
+        synced.await.map_err(|source| file_error("cannot sync", &self.temporary.0, source))?;
+        let Self { file, temporary, hash, size_bytes } = self;
+        Ok(Received { _file: file, temporary, sha256: hash.finalize().into(), size_bytes })
+    }
+}
+
+impl Received {
+    /// Where the bytes are for now.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.temporary.0
+    }
+}
+
+impl Store {
+    /// Makes room for an upload. Its file is locked as long as it grows, so that no sweep takes it away.
+    ///
+    /// # Errors
+    /// [`StoreError::File`].
+    pub fn begin_upload(&self) -> Result<Upload, StoreError> {
+        let path = self.folder.join(INCOMING).join(Uuid::now_v7().simple().to_string());
+        let file = fs::File::create_new(&path).map_err(|source| file_error("cannot create", &path, source))?;
+        let temporary = Temporary(path);
+        file.lock().map_err(|source| file_error("cannot lock", &temporary.0, source))?;
+        Ok(Upload { file: tokio::fs::File::from_std(file), temporary, hash: Sha256::new(), size_bytes: 0 })
+    }
+
+    /// Makes an upload visible as `id`, unless the same bytes are there already; whether it is new comes with it.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then nothing is visible.
+    pub async fn keep_image(&self, id: Uuid, received: Received, header: &Header) -> Result<(Image, bool), StoreError> {
+        let kept = self.image_path(&received.sha256);
+        fs::rename(received.path(), &kept).map_err(|source| file_error("cannot create", &kept, source))?;
+        sync_folder(&self.folder.join(FOLDER))?;
+        let size_bytes = i64::try_from(received.size_bytes)
+            .map_err(|_| StoreError::Unknown { what: "size", value: received.size_bytes.to_string() })?;
+        let mut transaction = self.begin_write().await?;
+        let inserted = sqlx::query(
+            "INSERT INTO images (id, sha256, size_bytes, format, width_px, height_px, longitude_deg, latitude_deg,
+             height_m, created_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+        )
+        .bind(id)
+        .bind(received.sha256.as_slice())
+        .bind(size_bytes)
+        .bind(&header.format)
+        .bind(header.width_px)
+        .bind(header.height_px)
+        .bind(header.position.map(|p| p.longitude_deg))
+        .bind(header.position.map(|p| p.latitude_deg))
+        .bind(header.position.and_then(|p| p.height_m))
+        .bind(now())
+        .execute(&mut *transaction)
+        .await?
+        .rows_affected();
+        let row: Row = sqlx::query_as("SELECT * FROM images WHERE sha256 = ?")
+            .bind(received.sha256.as_slice())
+            .fetch_one(&mut *transaction)
+            .await?;
+        transaction.commit().await?;
+        Ok((row.try_into()?, inserted == 1))
+    }
+
+    /// The image with this id.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn image(&self, id: Uuid) -> Result<Option<Image>, StoreError> {
+        let row: Option<Row> =
+            sqlx::query_as("SELECT * FROM images WHERE id = ?").bind(id).fetch_optional(&self.pool).await?;
+        row.map(Image::try_from).transpose()
+    }
+
+    /// At most `limit` images, the newest first, those older than `before`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn images(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<Image>, StoreError> {
+        let rows: Vec<Row> =
+            sqlx::query_as("SELECT * FROM images WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2")
+                .bind(before)
+                .bind(limit)
+                .fetch_all(&self.pool)
+                .await?;
+        rows.into_iter().map(Image::try_from).collect()
+    }
+
+    /// The file of a stored image.
+    #[must_use]
+    pub fn image_path(&self, sha256: &[u8; 32]) -> PathBuf {
+        self.folder.join(FOLDER).join(hexadecimal(sha256))
+    }
+
+    /// Removes what uploads have left behind that were cut off by the end of a process: the number of files removed.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn sweep_uploads(&self) -> Result<usize, StoreError> {
+        let mut removed = 0;
+        for path in files_of(&self.folder.join(INCOMING))? {
+            removed += usize::from(is_unlocked(&path) && fs::remove_file(&path).is_ok());
+        }
+        for path in files_of(&self.folder.join(FOLDER))? {
+            let old = fs::metadata(&path)
+                .and_then(|facts| facts.modified())
+                .is_ok_and(|time| time.elapsed().is_ok_and(|age| age > FILE_WITHOUT_ROW_KEPT));
+            if old && !self.has_row(&path).await? {
+                removed += usize::from(fs::remove_file(&path).is_ok());
+            }
+        }
+        Ok(removed)
+    }
+
+    async fn has_row(&self, path: &Path) -> Result<bool, StoreError> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        Ok(sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM images WHERE lower(hex(sha256)) = ?)")
+            .bind(name.as_ref())
+            .fetch_one(&self.pool)
+            .await?)
+    }
+}
+
+/// Bytes as lower-case hexadecimal digits.
+#[must_use]
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+fn is_unlocked(path: &Path) -> bool {
+    fs::File::open(path).is_ok_and(|file| file.try_lock().is_ok())
+}
+
+fn files_of(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let listed = fs::read_dir(folder).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
+    listed.map_err(|source| file_error("cannot list", folder, source))
+}
+
+fn sync_folder(folder: &Path) -> Result<(), StoreError> {
+    fs::File::open(folder)
+        .and_then(|opened| opened.sync_all())
+        .map_err(|source| file_error("cannot sync", folder, source))
+}
+
+fn file_error(action: &'static str, path: &Path, source: std::io::Error) -> StoreError {
+    StoreError::File { action, path: path.to_owned(), source }
+}
