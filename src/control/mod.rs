@@ -1,0 +1,56 @@
+//! The control-point database: model, import from GeoJSON, and what may be in view of an image.
+
+pub mod geojson;
+pub mod model;
+pub mod near;
+pub mod region;
+pub mod sqlite;
+#[cfg(test)]
+mod tests;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+pub use geojson::{CollectionError, Rejection, Source};
+pub use model::StoredControlPoint;
+pub use near::around;
+pub use region::GeodeticBox;
+
+/// What becomes of control points whose name is known already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// They are rejected.
+    Insert,
+    /// They are updated.
+    #[default]
+    Upsert,
+    /// They are updated, and all control points that are not in the collection are removed.
+    Replace,
+}
+
+/// What an import did.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, ToSchema)]
+pub struct ImportReport {
+    /// Control points that are new.
+    pub imported: usize,
+    /// Control points whose name was known and that were given their new content.
+    pub updated: usize,
+    /// Features that did not become control points; they never lose the others.
+    pub rejected: Vec<Rejection>,
+}
+
+/// Why the control points cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ControlError {
+    /// The database failed.
+    #[error("the database of control points failed")]
+    Database(#[from] sqlx::Error),
+    /// A row is not what was written.
+    #[error("the stored edges of control point {name:?} are damaged; import it again")]
+    Damaged {
+        /// Its name.
+        name: String,
+    },
+}

@@ -1,0 +1,118 @@
+//! Rectangles of longitude and latitude, with care for the antimeridian and the poles.
+
+use nalgebra::Vector3;
+
+use crate::geometry::LocalFrame;
+
+/// WGS 84's polar radius is the smaller one: with it a distance never gives too small an angle.
+const SMALLEST_RADIUS_M: f64 = 6_335_000.0;
+
+/// A rectangle of longitude and latitude. Longitudes may leave -180 to 180 where it crosses the antimeridian, and
+/// `min_lon_deg` lies in -180 to 180 for what is stored.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GeodeticBox {
+    /// Western rim.
+    pub min_lon_deg: f64,
+    /// Eastern rim.
+    pub max_lon_deg: f64,
+    /// Southern rim.
+    pub min_lat_deg: f64,
+    /// Northern rim.
+    pub max_lat_deg: f64,
+}
+
+impl GeodeticBox {
+    /// The whole earth.
+    pub const EVERYWHERE: Self =
+        Self { min_lon_deg: -180.0, max_lon_deg: 180.0, min_lat_deg: -90.0, max_lat_deg: 90.0 };
+
+    /// The smallest box around points that lie close together.
+    #[must_use]
+    pub fn around_points(points_lon_lat_deg: impl IntoIterator<Item = [f64; 2]>) -> Self {
+        let mut bounds = Self {
+            min_lon_deg: f64::INFINITY,
+            max_lon_deg: f64::NEG_INFINITY,
+            min_lat_deg: f64::INFINITY,
+            max_lat_deg: f64::NEG_INFINITY,
+        };
+        let mut first_lon_deg = None;
+        for [lon_deg, lat_deg] in points_lon_lat_deg {
+            let first = *first_lon_deg.get_or_insert(lon_deg);
+            // the others on the same side of the antimeridian as the first
+            let lon_deg = lon_deg - 360.0 * ((lon_deg - first) / 360.0).round();
+            bounds.min_lon_deg = bounds.min_lon_deg.min(lon_deg);
+            bounds.max_lon_deg = bounds.max_lon_deg.max(lon_deg);
+            bounds.min_lat_deg = bounds.min_lat_deg.min(lat_deg);
+            bounds.max_lat_deg = bounds.max_lat_deg.max(lat_deg);
+        }
+        bounds
+    }
+
+    /// A box that holds everything within `radius_m` of a place.
+    #[must_use]
+    pub fn around_place([lon_deg, lat_deg]: [f64; 2], radius_m: f64) -> Self {
+        let lat_reach_deg = (radius_m / SMALLEST_RADIUS_M).to_degrees();
+        let (min_lat_deg, max_lat_deg) = (lat_deg - lat_reach_deg, lat_deg + lat_reach_deg);
+        let farthest_lat_deg = min_lat_deg.abs().max(max_lat_deg.abs());
+        let lon_reach_deg = if farthest_lat_deg < 89.0 {
+            (lat_reach_deg / farthest_lat_deg.to_radians().cos()).min(180.0)
+        } else {
+            180.0
+        };
+        Self { min_lon_deg: lon_deg - lon_reach_deg, max_lon_deg: lon_deg + lon_reach_deg, min_lat_deg, max_lat_deg }
+    }
+
+    /// The same box shifted by whole turns: all the places where stored boxes may overlap it.
+    pub(super) fn unwrapped(self) -> impl Iterator<Item = Self> {
+        // what is stored reaches at most a building's width beyond -180 to 180
+        let in_reach = |b: &Self| b.max_lon_deg >= -181.0 && b.min_lon_deg <= 181.0;
+        [0.0, -360.0, 360.0]
+            .into_iter()
+            .map(move |turn| Self {
+                min_lon_deg: self.min_lon_deg + turn,
+                max_lon_deg: self.max_lon_deg + turn,
+                ..self
+            })
+            .filter(in_reach)
+    }
+}
+
+/// Longitude and latitude of a geocentric point on WGS 84.
+#[must_use]
+pub fn longitude_latitude_deg(geocentric_m: Vector3<f64>) -> [f64; 2] {
+    let place = LocalFrame::about(geocentric_m);
+    [place.longitude_deg(), place.latitude_deg()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_building_on_the_antimeridian_has_a_small_box() {
+        let bounds = GeodeticBox::around_points([[179.9999, -17.0], [-179.9998, -16.9999]]);
+        assert!((bounds.max_lon_deg - bounds.min_lon_deg - 0.0003).abs() < 1e-9, "{bounds:?}");
+    }
+
+    #[test]
+    fn a_place_near_the_antimeridian_is_looked_for_on_both_sides() {
+        let parts: Vec<_> = GeodeticBox::around_place([179.99, 0.0], 5_000.0).unwrapped().collect();
+        assert!(parts.iter().any(|b| b.min_lon_deg < -179.99 && b.max_lon_deg > -179.97));
+        assert!(parts.iter().any(|b| b.min_lon_deg < 179.99 && b.max_lon_deg > 180.0));
+    }
+
+    #[test]
+    fn near_a_pole_every_longitude_is_near() {
+        let bounds = GeodeticBox::around_place([20.0, 89.99], 2_000.0);
+        assert!(bounds.max_lon_deg - bounds.min_lon_deg >= 360.0);
+    }
+
+    #[test]
+    fn the_box_around_a_place_holds_its_circle() {
+        for lat_deg in [0.0_f64, 52.0, -75.0] {
+            let bounds = GeodeticBox::around_place([10.0, lat_deg], 1_000.0);
+            let east_reach_m = (bounds.max_lon_deg - 10.0).to_radians() * 6_378_137.0 * lat_deg.to_radians().cos();
+            assert!((1_000.0..1_200.0).contains(&east_reach_m), "{east_reach_m} m at {lat_deg}°");
+        }
+    }
+}

@@ -1,0 +1,223 @@
+use nalgebra::{Vector2, Vector3};
+use rstest::rstest;
+use serde_json::{Value, json};
+use sqlx::SqlitePool;
+
+use super::*;
+use crate::geometry::{Brown, Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
+use crate::pipeline::Approximation;
+use near::Reach;
+
+fn geographic() -> Crs {
+    Crs::parse("EPSG:4979").unwrap()
+}
+
+async fn database() -> SqlitePool {
+    sqlite::in_memory().await.unwrap()
+}
+
+fn feature(name: &str, lon: f64, lat: f64, height: f64) -> Value {
+    json!({"type": "Feature", "properties": {"name": name, "sigma_m": 0.1},
+        "geometry": {"type": "MultiLineString", "coordinates": [
+            [[lon, lat, height], [lon + 1e-4, lat, height]],
+            [[lon + 1e-4, lat, height], [lon + 1e-4, lat + 1e-4, height + 3.0]]]}})
+}
+
+fn collection(features: &[Value]) -> Vec<u8> {
+    json!({"type": "FeatureCollection", "features": features}).to_string().into_bytes()
+}
+
+async fn import(pool: &SqlitePool, body: &[u8], mode: Mode) -> ImportReport {
+    let crs = geographic();
+    let parsed = geojson::parse(body, &Source { crs: &crs, geoid_undulation_m: None }).unwrap();
+    sqlite::import(pool, parsed, mode, |_| {}).await.unwrap()
+}
+
+fn counts(report: &ImportReport) -> (usize, usize, usize) {
+    (report.imported, report.updated, report.rejected.len())
+}
+
+#[tokio::test]
+async fn modes_do_what_they_say() {
+    let pool = database().await;
+    let two = collection(&[feature("a", 16.6, 52.7, 70.0), feature("b", 16.7, 52.7, 70.0)]);
+    assert_eq!(counts(&import(&pool, &two, Mode::Insert).await), (2, 0, 0));
+    let moved = collection(&[feature("b", 16.8, 52.7, 71.0), feature("c", 16.9, 52.7, 70.0)]);
+    let again = import(&pool, &moved, Mode::Insert).await;
+    assert_eq!(counts(&again), (1, 0, 1));
+    assert_eq!((again.rejected[0].index, again.rejected[0].name.as_deref()), (0, Some("b")));
+    assert_eq!(counts(&import(&pool, &moved, Mode::Upsert).await), (0, 2, 0));
+    assert_eq!(sqlite::count(&pool).await.unwrap(), 3);
+    // the box moved with it
+    let there = GeodeticBox::around_place([16.8, 52.7], 100.0);
+    assert_eq!(sqlite::in_box(&pool, there, 0, 10).await.unwrap().len(), 1);
+    let before = GeodeticBox::around_place([16.7, 52.7], 100.0);
+    assert_eq!(sqlite::in_box(&pool, before, 0, 10).await.unwrap().len(), 0);
+    let only = collection(&[feature("c", 16.9, 52.7, 70.0), feature("d", 16.9, 52.8, 70.0)]);
+    assert_eq!(counts(&import(&pool, &only, Mode::Replace).await), (1, 1, 0));
+    assert_eq!(sqlite::count(&pool).await.unwrap(), 2);
+    assert!(sqlite::by_name(&pool, "a").await.unwrap().is_none());
+    assert_eq!(sqlite::in_box(&pool, GeodeticBox::EVERYWHERE, 0, 10).await.unwrap().len(), 2);
+}
+
+#[tokio::test]
+async fn replacing_by_nothing_but_bad_features_removes_nothing() {
+    let pool = database().await;
+    import(&pool, &collection(&[feature("a", 16.6, 52.7, 70.0)]), Mode::Upsert).await;
+    let report = import(&pool, &collection(&[json!({"type": "Feature"})]), Mode::Replace).await;
+    assert_eq!(counts(&report), (0, 0, 1));
+    assert_eq!(sqlite::count(&pool).await.unwrap(), 1);
+}
+
+/// A feature with another value at a pointer.
+fn spoilt(pointer: &str, value: Value) -> Value {
+    let mut feature = feature("spoilt", 16.6, 52.7, 70.0);
+    *feature.pointer_mut(pointer).unwrap() = value;
+    feature
+}
+
+#[rstest]
+#[case(spoilt("/geometry", Value::Null), "geometry is missing")]
+#[case(spoilt("/geometry/type", json!("LineString")), "it must be a MultiLineString")]
+#[case(spoilt("/geometry/coordinates", json!([])), "0 lines")]
+#[case(spoilt("/geometry/coordinates", json!([[[16.6, 52.7], [16.7, 52.7]]])), "2 numbers")]
+#[case(spoilt("/geometry/coordinates/1/0", json!([16.6, 52.7, 70.0, 1.0])), "line 1: a position has 4 numbers")]
+#[case(spoilt("/geometry/coordinates/0", json!([[16.6, 52.7, 70], [16.7, 52.7, 70], [16.7, 52.8, 70]])), "3 positions")]
+#[case(spoilt("/geometry/coordinates/0/0/1", json!(95.0)), "latitude")]
+#[case(spoilt("/geometry/coordinates/0/0/2", json!("high")), "lists of positions")]
+#[case(spoilt("/geometry/coordinates/0/0/2", Value::Null), "lists of positions")]
+#[case(spoilt("/geometry/coordinates/0/1", json!([16.6, 52.7, 70.0])), "needs a length")]
+#[case(spoilt("/geometry/coordinates/0/1", json!([16.9, 52.7, 70.0])), "one building")]
+#[case(spoilt("/geometry/coordinates", json!(vec![[[16.6, 52.7, 70.0], [16.6001, 52.7, 70.0]]; 2_001])), "2001 lines")]
+#[case(spoilt("/properties", Value::Null), "properties are missing")]
+#[case(spoilt("/properties/name", Value::Null), "name is missing")]
+#[case(spoilt("/properties/name", json!(" ")), "name is empty")]
+#[case(spoilt("/properties/name", json!("a".repeat(201))), "at most 200")]
+#[case(spoilt("/properties/sigma_m", Value::Null), "sigma_m is missing")]
+#[case(spoilt("/properties/sigma_m", json!(0)), "above 0")]
+#[case(spoilt("/properties/sigma_m", json!(-0.1)), "above 0")]
+#[case(json!("feature"), "not a feature")]
+#[tokio::test]
+async fn a_bad_feature_never_loses_the_good_ones(#[case] bad: Value, #[case] said: &str) {
+    let pool = database().await;
+    let body = collection(&[feature("first", 16.6, 52.7, 70.0), bad, feature("last", 16.6, 52.8, 70.0)]);
+    let report = import(&pool, &body, Mode::Upsert).await;
+    assert_eq!(counts(&report), (2, 0, 1));
+    assert_eq!(report.rejected[0].index, 1);
+    assert!(report.rejected[0].detail.contains(said), "{}", report.rejected[0].detail);
+}
+
+#[tokio::test]
+async fn a_name_twice_in_a_file_is_kept_once() {
+    let pool = database().await;
+    let body = collection(&[feature("a", 16.6, 52.7, 70.0), feature("a", 16.7, 52.7, 70.0)]);
+    let report = import(&pool, &body, Mode::Upsert).await;
+    assert_eq!(counts(&report), (1, 0, 1));
+    assert!(report.rejected[0].detail.contains("earlier"));
+}
+
+#[rstest]
+#[case(b"{", true)]
+#[case(b"[]", false)]
+#[case(b"{\"type\": \"Feature\", \"features\": []}", false)]
+#[case(b"{\"type\": \"FeatureCollection\"}", false)]
+#[case(b"{\"type\": \"FeatureCollection\", \"features\": [1e999]}", true)]
+fn what_is_no_collection_is_refused(#[case] body: &[u8], #[case] syntax: bool) {
+    let crs = geographic();
+    let error = geojson::parse(body, &Source { crs: &crs, geoid_undulation_m: None }).unwrap_err();
+    assert_eq!(matches!(error, CollectionError::Syntax(_)), syntax, "{error}");
+}
+
+#[tokio::test]
+async fn positions_come_back_in_the_crs_asked_for_and_heights_as_they_were_given() {
+    let pool = database().await;
+    let crs = geographic();
+    let with_undulation = Source { crs: &crs, geoid_undulation_m: Some(38.0) };
+    let parsed = geojson::parse(&collection(&[feature("a", 16.6, 52.7, 70.0)]), &with_undulation).unwrap();
+    sqlite::import(&pool, parsed, Mode::Upsert, |_| {}).await.unwrap();
+    let stored = sqlite::by_name(&pool, "a").await.unwrap().unwrap();
+    let back = geojson::feature(&stored, &with_undulation).unwrap();
+    let ellipsoidal = geojson::feature(&stored, &Source { crs: &crs, geoid_undulation_m: None }).unwrap();
+    let ([start, _], [above, _]) = (back.geometry.coordinates[0], ellipsoidal.geometry.coordinates[0]);
+    assert!((start[0] - 16.6).abs() < 1e-11 && (start[1] - 52.7).abs() < 1e-11 && (start[2] - 70.0).abs() < 1e-6);
+    assert!((above[2] - 108.0).abs() < 1e-6);
+    assert_eq!(stored.sigma_m, 0.1);
+}
+
+#[tokio::test]
+async fn the_accuracy_of_the_crs_is_added_to_that_of_the_coordinates() {
+    // Gauss-Krueger zone 3 on DHDN: seven parameters that are good to a metre or so
+    let crs = Crs::parse("EPSG:31467").unwrap();
+    assert!(crs.accuracy_m() > 0.5);
+    let mut point = feature("a", 0.0, 0.0, 70.0);
+    point["geometry"]["coordinates"] = json!([[[3_565_000.0, 5_934_000.0, 50.0], [3_565_010.0, 5_934_000.0, 50.0]]]);
+    let body = collection(&[point]);
+    let parsed = geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: None }).unwrap();
+    let (_, stored) = &parsed.control_points[0];
+    assert_eq!(stored.sigma_m, 0.1_f64.hypot(crs.accuracy_m()));
+}
+
+fn nadir(camera_height_m: f64) -> (Camera, Approximation) {
+    let camera = Camera::new([4000, 3000], 3000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap();
+    let approximation = Approximation {
+        orientation: ExteriorOrientation {
+            projection_centre_m: Vector3::new(0.0, 0.0, camera_height_m),
+            camera_from_object: rotation::camera_from_object(0.0, 0.0, 0.0),
+        },
+        sigma_position_m: [1.0; 3],
+        sigma_tilt_rad: 0.01,
+        sigma_kappa_rad: None,
+    };
+    (camera, approximation)
+}
+
+/// Control points on a raster of 100 m, 4 km wide: those in the view are found, those far outside are not, and so
+/// across the antimeridian.
+#[rstest]
+#[case(16.6)]
+#[case(180.0)]
+#[case(-179.99)]
+#[tokio::test]
+async fn what_may_be_in_view_is_found(#[case] lon: f64) {
+    let pool = database().await;
+    let frame = LocalFrame::at(lon, 10.0, 0.0);
+    let crs = geographic();
+    let raster = (-20..=20).flat_map(|x| (-20..=20).map(move |y| (x, y)));
+    let features = raster.map(|(x, y)| {
+        let place = frame.to_geocentric(Vector3::new(100.0 * f64::from(x), 100.0 * f64::from(y), 80.0));
+        let [lon, lat, height] = crs.position_from_geocentric(place, None).unwrap();
+        let mut feature = feature(&format!("{x},{y}"), lon.min(179.9998), lat, height);
+        feature["properties"]["reference"] = json!([lon, lat, height]);
+        feature
+    });
+    let report = import(&pool, &collection(&features.collect::<Vec<_>>()), Mode::Upsert).await;
+    assert_eq!(counts(&report), (41 * 41, 0, 0), "{:?}", report.rejected.first());
+    let (camera, approximation) = nadir(580.0);
+    let found = around(&pool, &frame, &camera, &approximation, Reach::default()).await.unwrap();
+    let distance = |point: &crate::orientation::ControlPoint| point.reference_m.xy().norm();
+    // 500 m above ground the corner of the view is 417 m away
+    assert_eq!(found.iter().filter(|p| distance(p) < 417.0).count(), 57);
+    assert!(found.iter().all(|p| distance(p) < 700.0), "{:?}", found.iter().map(distance).fold(0.0, f64::max));
+    let few = Reach { most: 9, ..Reach::default() };
+    let found = around(&pool, &frame, &camera, &approximation, few).await.unwrap();
+    assert!(found.len() == 9 && found.iter().all(|p| distance(p) < 150.0));
+}
+
+#[tokio::test]
+async fn an_empty_database_has_nothing_in_view() {
+    let (camera, approximation) = nadir(500.0);
+    let frame = LocalFrame::at(16.6, 52.7, 0.0);
+    assert!(around(&database().await, &frame, &camera, &approximation, Reach::default()).await.unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn the_next_page_begins_after_the_last_one() {
+    let pool = database().await;
+    let features =
+        (0..5).map(|i| feature(&format!("p{i}"), 16.6 + 1e-3 * f64::from(i), 52.7, 70.0)).collect::<Vec<_>>();
+    import(&pool, &collection(&features), Mode::Upsert).await;
+    let first = sqlite::in_box(&pool, GeodeticBox::EVERYWHERE, 0, 3).await.unwrap();
+    let second = sqlite::in_box(&pool, GeodeticBox::EVERYWHERE, first[2].0, 3).await.unwrap();
+    let names: Vec<_> = first.iter().chain(&second).map(|(_, point)| point.name.as_str()).collect();
+    assert_eq!(names, ["p0", "p1", "p2", "p3", "p4"]);
+}

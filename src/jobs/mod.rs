@@ -1,0 +1,3 @@
+//! The queue and the workers.
+
+pub mod request;

@@ -1,0 +1,271 @@
+//! What the client asks for (contract, `POST /orientations`), and what becomes of it once everything in it is checked.
+
+mod approximation;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+pub use approximation::{ApproximationRequest, NUMBERS_ASSUMED};
+
+use crate::geometry::{Camera, Crs, CrsError, ExteriorOrientation, LocalFrame, rotation};
+use crate::pipeline::{Approximation, Task, Tolerance};
+use crate::report::{ApproximationUsed, Output, Vertical, Warning};
+
+/// The tolerance if the request does not say.
+const TOLERANCE_GSD: f64 = 10.0;
+const LARGEST_TOLERANCE: f64 = 10_000.0;
+
+/// An image to orient.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OrientationRequest {
+    /// The image's id.
+    pub image: String,
+    /// The camera's id or name.
+    #[schema(example = "canon-sx260")]
+    pub camera: String,
+    /// What is known of the orientation beforehand; what is left out comes from the image file or from the defaults.
+    #[serde(default)]
+    pub approximation: ApproximationRequest,
+    /// The largest planimetric error on the ground that is acceptable, in ground sample distances. Default: 10.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = 10)]
+    pub tolerance_gsd: Option<f64>,
+    /// The same in metres, instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance_m: Option<f64>,
+    /// Which control is used; default: whatever there is. Control scenes are not available yet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub control: Option<ControlKind>,
+    /// The CRS of the result; default: that of the position.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = "EPSG:32614")]
+    pub output_crs: Option<String>,
+    /// Not available yet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub webhook: Option<String>,
+}
+
+/// Kinds of control.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ControlKind {
+    /// Roof lines of buildings.
+    Lines,
+    /// Small pictures of the ground (not available yet).
+    Scenes,
+    /// Whatever there is of both.
+    Both,
+}
+
+/// What is known of the image's file.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ImageFacts {
+    /// Columns and rows.
+    pub size_px: [u32; 2],
+    /// Where it was taken: longitude, latitude, and the height above the geoid if there is one.
+    pub position: Option<([f64; 2], Option<f64>)>,
+    /// Horizontal and vertical standard deviations of that position, where the file states them.
+    pub position_sigma_m: Option<[f64; 2]>,
+    /// The direction of the image's top, clockwise from true north.
+    pub heading_deg: Option<f64>,
+}
+
+/// A field of the request that is at fault.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldFault {
+    /// JSON Pointer into the request.
+    pub pointer: String,
+    /// What is wrong with it and what would be right.
+    pub detail: String,
+}
+
+/// A request in which everything is checked and nothing is left open; kept with the orientation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Prepared {
+    /// The approximate orientation with where it came from.
+    pub approximation: ApproximationUsed,
+    /// What the verdict is about.
+    pub tolerance: ToleranceGiven,
+    /// The CRS of the result.
+    pub output_crs: String,
+    /// Above which its heights are, if not the ellipsoid.
+    pub output_vertical: Option<Vertical>,
+    /// What the user should know.
+    pub warnings: Vec<Warning>,
+}
+
+/// A tolerance in the unit in which it was given.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ToleranceGiven {
+    /// Ground sample distances.
+    Gsd(f64),
+    /// Metres.
+    M(f64),
+}
+
+/// What the pipeline needs, in the local frame at the approximate position.
+#[derive(Debug, Clone)]
+pub struct Work {
+    /// East, north, up at the foot of the approximate position on the ellipsoid.
+    pub frame: LocalFrame,
+    /// The task in that frame.
+    pub task: Task,
+    /// Where the result is to be given.
+    pub output: Output,
+}
+
+/// The faults of one request.
+#[derive(Debug, Default)]
+struct Faults(Vec<FieldFault>);
+
+impl Faults {
+    fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
+        self.0.push(FieldFault { pointer: pointer.into(), detail: detail.into() });
+    }
+
+    /// The value, or `fallback` with a fault.
+    fn check<T>(&mut self, pointer: &str, value: Result<T, String>) -> Option<T> {
+        value.map_err(|detail| self.add(pointer, detail)).ok()
+    }
+}
+
+/// A finite number within bounds, or what is wrong with it.
+fn within(value: f64, least: f64, most: f64, unit: &str) -> Result<f64, String> {
+    if (least..=most).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("{value} is not from {least} to {most} {unit}"))
+    }
+}
+
+impl OrientationRequest {
+    /// Checks everything and fills in what was left out.
+    ///
+    /// # Errors
+    /// All the faults there are, not only the first.
+    pub fn prepare(&self, camera: &Camera, image: &ImageFacts) -> Result<Prepared, Vec<FieldFault>> {
+        let mut faults = Faults::default();
+        let mut warnings = Vec::new();
+        self.check_sizes(camera, image, &mut faults);
+        self.check_what_is_not_there_yet(&mut faults);
+        let tolerance = self.tolerance(&mut faults);
+        let approximation = self.approximation.resolve(image, &mut faults, &mut warnings);
+        let output = approximation.as_ref().and_then(|used| self.output(used, &mut faults, &mut warnings));
+        match (approximation, tolerance, output) {
+            (Some(approximation), Some(tolerance), Some((output_crs, output_vertical))) if faults.0.is_empty() => {
+                Ok(Prepared { approximation, tolerance, output_crs, output_vertical, warnings })
+            }
+            _ => Err(faults.0),
+        }
+    }
+
+    fn check_sizes(&self, camera: &Camera, image: &ImageFacts, faults: &mut Faults) {
+        let [width, height] = image.size_px;
+        if [camera.width_px, camera.height_px] != image.size_px {
+            faults.add(
+                "/camera",
+                format!(
+                    "the image has {width} x {height} px, but this camera's images have {} x {} px; give the camera \
+                     that took the image as it is stored",
+                    camera.width_px, camera.height_px
+                ),
+            );
+        }
+    }
+
+    fn check_what_is_not_there_yet(&self, faults: &mut Faults) {
+        if self.control == Some(ControlKind::Scenes) {
+            faults.add("/control", "control scenes are not available yet; use \"lines\" or leave it out");
+        }
+        if self.webhook.is_some() {
+            faults.add(
+                "/webhook",
+                "webhooks are not available yet; use `Prefer: wait=N` or the events of the orientation",
+            );
+        }
+    }
+
+    fn tolerance(&self, faults: &mut Faults) -> Option<ToleranceGiven> {
+        let positive = |value: f64, unit| match value > 0.0 {
+            true => within(value, 0.0, LARGEST_TOLERANCE, unit),
+            false => Err(format!("{value} is not above 0 {unit}")),
+        };
+        match (self.tolerance_gsd, self.tolerance_m) {
+            (Some(_), Some(_)) => {
+                faults.add("/tolerance_m", "give either tolerance_gsd or tolerance_m, not both");
+                None
+            }
+            (None, Some(metres)) => faults.check("/tolerance_m", positive(metres, "m")).map(ToleranceGiven::M),
+            (gsd, None) => {
+                let gsd = gsd.unwrap_or(TOLERANCE_GSD);
+                faults.check("/tolerance_gsd", positive(gsd, "ground sample distances")).map(ToleranceGiven::Gsd)
+            }
+        }
+    }
+
+    fn output(
+        &self,
+        used: &ApproximationUsed,
+        faults: &mut Faults,
+        warnings: &mut Vec<Warning>,
+    ) -> Option<(String, Option<Vertical>)> {
+        let Some(name) = &self.output_crs else {
+            return Some((used.position.crs.clone(), used.position.vertical));
+        };
+        let crs = faults.check("/output_crs", Crs::parse(name).map_err(|e| e.to_string()))?;
+        let reaches = geocentric(used).and_then(|geocentric_m| crs.position_from_geocentric(geocentric_m, None));
+        faults.check("/output_crs", reaches.map_err(|e| format!("the position does not lie in this CRS: {e}")))?;
+        let warning = Warning::vertical_assumed_ellipsoidal(&crs.to_string());
+        if crs.assumes_ellipsoidal_heights() && !warnings.contains(&warning) {
+            warnings.push(warning);
+        }
+        Some((crs.to_string(), None))
+    }
+}
+
+fn geocentric(used: &ApproximationUsed) -> Result<Vector3<f64>, CrsError> {
+    let undulation_m = used.position.vertical.map(|vertical| vertical.geoid_undulation_m);
+    Crs::parse(&used.position.crs)?.geocentric_from_position(used.position.coordinates, undulation_m)
+}
+
+impl Prepared {
+    /// The task for the pipeline.
+    ///
+    /// # Errors
+    /// [`CrsError`] if a CRS that was known when the request came is not known any more.
+    pub fn work(&self, camera: Camera) -> Result<Work, CrsError> {
+        let used = &self.approximation;
+        let geocentric_m = geocentric(used)?;
+        let place = LocalFrame::about(geocentric_m);
+        let frame = LocalFrame::at(place.longitude_deg(), place.latitude_deg(), 0.0);
+        let radians = |degrees: Option<f64>| degrees.unwrap_or(0.0).to_radians();
+        let orientation = ExteriorOrientation {
+            projection_centre_m: frame.from_geocentric(geocentric_m),
+            camera_from_object: rotation::camera_from_object(
+                radians(Some(used.omega_deg)),
+                radians(Some(used.phi_deg)),
+                radians(used.kappa_deg),
+            ),
+        };
+        let approximation = Approximation {
+            orientation,
+            sigma_position_m: used.sigma_position_m,
+            sigma_tilt_rad: used.sigma_tilt_deg.to_radians(),
+            sigma_kappa_rad: used.sigma_kappa_deg.map(f64::to_radians),
+        };
+        let tolerance = match self.tolerance {
+            ToleranceGiven::Gsd(gsd) => Tolerance::Gsd(gsd),
+            ToleranceGiven::M(metres) => Tolerance::Metres(metres),
+        };
+        let output = Output {
+            crs: Crs::parse(&self.output_crs)?,
+            geoid_undulation_m: self.output_vertical.map(|vertical| vertical.geoid_undulation_m),
+        };
+        Ok(Work { frame, task: Task { camera, approximation, tolerance }, output })
+    }
+}

@@ -1,0 +1,181 @@
+//! The answer: from the local frame of the adjustment into the CRS that was asked for, as the contract writes it.
+
+pub mod overlay;
+pub mod position;
+pub mod result;
+
+use nalgebra::{Matrix3, Matrix6, Rotation3, Vector2, Vector3};
+
+pub use position::{Position, Vertical, Warning};
+pub use result::{ApproximationOrigin, ApproximationUsed, OrientationResult, Origin};
+
+use crate::diagnosis::{Diagnosis, Features, Verdict};
+use crate::geometry::{Crs, CrsError, LocalFrame, rotation};
+use crate::pipeline::{ControlPointResult, Estimate, GroundPrecision, Outcome};
+use result::{
+    ControlPointReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint, ReasonReport, RotationResult,
+};
+
+/// Where the answer is to be given.
+#[derive(Debug, Clone)]
+pub struct Output {
+    /// The CRS.
+    pub crs: Crs,
+    /// What takes its heights off the ellipsoid, where they are not ellipsoidal.
+    pub geoid_undulation_m: Option<f64>,
+}
+
+impl Output {
+    fn position(&self, geocentric_m: Vector3<f64>) -> Result<[f64; 3], CrsError> {
+        self.crs.position_from_geocentric(geocentric_m, self.geoid_undulation_m)
+    }
+}
+
+/// The verdict's word in the contract.
+#[must_use]
+pub fn verdict_name(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Red => "red",
+        Verdict::Yellow => "yellow",
+        Verdict::Green => "green",
+    }
+}
+
+/// The contract's result of an outcome in the local frame `frame`.
+///
+/// # Errors
+/// [`CrsError`] if the projection centre lies where the output CRS does not reach.
+pub fn result(
+    outcome: &Outcome,
+    frame: &LocalFrame,
+    output: &Output,
+    approximation: ApproximationUsed,
+    warnings: Vec<Warning>,
+) -> Result<OrientationResult, CrsError> {
+    let mut result = OrientationResult {
+        projection_centre: None,
+        rotation: None,
+        covariance: None,
+        sigma0: None,
+        redundancy: None,
+        configuration: None,
+        control_points: outcome.control_points.iter().map(control_point).collect(),
+        ground_precision: outcome.ground_precision.iter().filter_map(|p| ground_point(p, frame, output)).collect(),
+        diagnosis: diagnosis(&outcome.diagnosis),
+        warnings,
+        approximation,
+    };
+    if let Some(estimate) = outcome.estimate.as_ref().filter(|estimate| is_finite(estimate)) {
+        let geocentric_m = frame.to_geocentric(estimate.orientation.projection_centre_m);
+        result.projection_centre = Some(Position {
+            crs: output.crs.to_string(),
+            coordinates: output.position(geocentric_m)?,
+            vertical: output.geoid_undulation_m.map(|geoid_undulation_m| Vertical { geoid_undulation_m }),
+        });
+        let output_from_local =
+            output.crs.axes_from_geocentric(geocentric_m)? * frame.local_from_geocentric().inverse();
+        let camera_from_output = estimate.orientation.camera_from_object * output_from_local.inverse();
+        result.rotation = Some(rotation_result(&camera_from_output, axes_name(&output.crs, geocentric_m)));
+        result.covariance = covariance(&estimate.covariance, &output_from_local, &camera_from_output);
+        result.sigma0 = finite(estimate.sigma0);
+        result.redundancy = Some(estimate.redundancy);
+        result.configuration = finite(estimate.configuration);
+    }
+    Ok(result)
+}
+
+fn is_finite(estimate: &Estimate) -> bool {
+    let orientation = &estimate.orientation;
+    orientation.projection_centre_m.iter().chain(orientation.camera_from_object.matrix().iter()).all(|v| v.is_finite())
+}
+
+/// JSON has no infinity: what is not finite is left out.
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fn pixel(point: Vector2<f64>) -> Option<[f64; 2]> {
+    Some([finite(point.x)?, finite(point.y)?])
+}
+
+/// The CRS of which the axes of the rotation are.
+fn axes_name(crs: &Crs, centre_geocentric_m: Vector3<f64>) -> String {
+    if crs.is_geographic() { LocalFrame::about(centre_geocentric_m).proj_string() } else { crs.to_string() }
+}
+
+fn rotation_result(camera_from_output: &Rotation3<f64>, frame: String) -> RotationResult {
+    let [omega, phi, kappa] = rotation::angles(camera_from_output);
+    let r = camera_from_output.matrix();
+    RotationResult {
+        frame,
+        rotation_matrix: std::array::from_fn(|row| std::array::from_fn(|column| r[(row, column)])),
+        omega_deg: omega.to_degrees(),
+        phi_deg: phi.to_degrees(),
+        kappa_deg: kappa.to_degrees(),
+    }
+}
+
+/// From `[dX0 in the local frame, theta about the camera's axes]` to `[x, y, z, omega, phi, kappa]` in the output's
+/// axes; `None` where omega and kappa cannot be told apart.
+fn covariance(
+    local: &Matrix6<f64>,
+    output_from_local: &Rotation3<f64>,
+    camera_from_output: &Rotation3<f64>,
+) -> Option<CovarianceResult> {
+    let angles_by_theta: Matrix3<f64> = rotation::angles_by_theta(camera_from_output)?;
+    let mut jacobian = Matrix6::zeros();
+    jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(output_from_local.matrix());
+    jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&angles_by_theta);
+    let transformed = jacobian * local * jacobian.transpose();
+    let symmetric = (transformed + transformed.transpose()) / 2.0;
+    symmetric.iter().all(|v| v.is_finite()).then(|| CovarianceResult {
+        order: ["x_m", "y_m", "z_m", "omega_rad", "phi_rad", "kappa_rad"],
+        matrix: std::array::from_fn(|row| std::array::from_fn(|column| symmetric[(row, column)])),
+    })
+}
+
+fn control_point(point: &ControlPointResult) -> ControlPointReport {
+    ControlPointReport {
+        name: point.name.clone(),
+        predicted_px: point.predicted_px.and_then(pixel),
+        located_px: point.located_px.and_then(pixel),
+        used: point.used,
+        segments_matched: point.segments_matched,
+        residual_px: point.residual_px.and_then(finite),
+    }
+}
+
+fn ground_point(point: &GroundPrecision, frame: &LocalFrame, output: &Output) -> Option<GroundPoint> {
+    Some(GroundPoint {
+        image_px: pixel(point.image_px)?,
+        ground: output.position(frame.to_geocentric(point.ground_m)).ok()?,
+        sigma_planimetric_m: finite(point.sigma_planimetric_m)?,
+    })
+}
+
+fn diagnosis(diagnosis: &Diagnosis) -> DiagnosisReport {
+    DiagnosisReport {
+        verdict: verdict_name(diagnosis.verdict),
+        score: finite(diagnosis.score),
+        threshold: finite(diagnosis.threshold),
+        probability_correct: finite(diagnosis.probability_correct),
+        features: diagnosis.features.as_ref().map(features),
+        reasons: diagnosis
+            .reasons
+            .iter()
+            .map(|reason| ReasonReport { code: reason.code, detail: reason.detail.clone() })
+            .collect(),
+    }
+}
+
+fn features(features: &Features) -> FeatureReport {
+    FeatureReport {
+        control_points: features.control_points,
+        eliminated: features.eliminated,
+        log_sigma0: finite(features.log_sigma0),
+        log_configuration: finite(features.log_configuration),
+    }
+}
+
+#[cfg(test)]
+mod tests;

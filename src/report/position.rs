@@ -1,0 +1,51 @@
+//! Positions as the contract writes them: a CRS, three coordinates, and what makes heights ellipsoidal.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A position in a coordinate reference system: always east or longitude, north or latitude, up.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Position {
+    /// `EPSG:<code>` or a PROJ string.
+    #[schema(example = "EPSG:4979")]
+    pub crs: String,
+    /// `[x, y, z]`: degrees for geographic systems, metres for all others, and the height.
+    #[schema(value_type = Vec<f64>, example = json!([-98.09, 30.16, 317.3]))]
+    pub coordinates: [f64; 3],
+    /// What makes the height ellipsoidal, if it is not already.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vertical: Option<Vertical>,
+}
+
+/// How a height becomes ellipsoidal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Vertical {
+    /// Height above the geoid + this = ellipsoidal height.
+    pub geoid_undulation_m: f64,
+}
+
+/// Something that the user should know of an answer that is otherwise complete.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Warning {
+    /// A stable word for programs.
+    #[schema(example = "vertical_assumed_ellipsoidal")]
+    pub code: String,
+    /// A sentence for staff.
+    pub detail: String,
+}
+
+impl Warning {
+    /// Heights of a CRS that says nothing about them were taken as ellipsoidal.
+    #[must_use]
+    pub fn vertical_assumed_ellipsoidal(crs: &str) -> Self {
+        Self {
+            code: "vertical_assumed_ellipsoidal".to_owned(),
+            detail: format!(
+                "{crs} says nothing about heights: they were taken as heights above the ellipsoid. If they are above \
+                 the geoid, give \"vertical\": {{\"geoid_undulation_m\": N}} beside \"crs\"."
+            ),
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! The `result` of an orientation, field by field as the contract has it.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::position::{Position, Warning};
+
+/// What was found out about an image. Parts that do not exist, because the image could not be oriented, are left out.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct OrientationResult {
+    /// Where the camera stood, in the output CRS.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub projection_centre: Option<Position>,
+    /// How it was turned.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<RotationResult>,
+    /// How well both are known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<CovarianceResult>,
+    /// Standard deviation of unit weight of the last step that was reached.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma0: Option<f64>,
+    /// Redundancy of that step.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub redundancy: Option<usize>,
+    /// Largest eigenvalue of the covariance against that of four control points in the image's corners.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub configuration: Option<f64>,
+    /// The control points that were expected in the image.
+    pub control_points: Vec<ControlPointReport>,
+    /// Predicted precision on the ground at the image points at 5, 50 and 95 % of width and height, on the horizontal
+    /// plane at the mean height of the control used.
+    pub ground_precision: Vec<GroundPoint>,
+    /// The verdict.
+    pub diagnosis: DiagnosisReport,
+    /// What the user should know besides.
+    pub warnings: Vec<Warning>,
+    /// The approximate orientation that was used, and where it came from.
+    pub approximation: ApproximationUsed,
+}
+
+/// The rotation of the image.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct RotationResult {
+    /// Whose axes: a topocentric output CRS itself; a map grid's east, north and up at the projection centre; for a
+    /// geographic output CRS, the local east, north, up frame there.
+    pub frame: String,
+    /// Rows of R: object space to the camera frame (x right, y up, z backwards).
+    #[schema(value_type = Vec<Vec<f64>>)]
+    pub rotation_matrix: [[f64; 3]; 3],
+    /// Angle about the x axis; R = (R_x(omega) R_y(phi) R_z(kappa))^T.
+    pub omega_deg: f64,
+    /// Angle about the y axis.
+    pub phi_deg: f64,
+    /// Angle about the z axis.
+    pub kappa_deg: f64,
+}
+
+/// The covariance of the six parameters. Metres are along the axes of `rotation.frame`, whatever the unit of the
+/// output CRS; the angles are the differentials of omega, phi, kappa there.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct CovarianceResult {
+    /// The order of rows and columns.
+    #[schema(value_type = Vec<String>)]
+    pub order: [&'static str; 6],
+    /// Six rows of six.
+    #[schema(value_type = Vec<Vec<f64>>)]
+    pub matrix: [[f64; 6]; 6],
+}
+
+/// What became of a control point.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ControlPointReport {
+    /// Its name.
+    pub name: String,
+    /// Its reference point under the approximate orientation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<f64>>)]
+    pub predicted_px: Option<[f64; 2]>,
+    /// Its reference point where it was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<f64>>)]
+    pub located_px: Option<[f64; 2]>,
+    /// Whether it took part in the last step.
+    pub used: bool,
+    /// Its edges that have a line segment in the image.
+    pub segments_matched: usize,
+    /// Root mean square distance of the ends of its matched line segments from its projected edges.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub residual_px: Option<f64>,
+}
+
+/// Predicted precision of one point of the ground, if the orientation is right.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct GroundPoint {
+    /// The image point.
+    #[schema(value_type = Vec<f64>)]
+    pub image_px: [f64; 2],
+    /// Where it lies on the ground, in the output CRS.
+    #[schema(value_type = Vec<f64>)]
+    pub ground: [f64; 3],
+    /// sqrt(variance east + variance north).
+    pub sigma_planimetric_m: f64,
+}
+
+/// The verdict with all that led to it.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct DiagnosisReport {
+    /// `green`: verified, may be used without a look. `yellow`: doubtful. `red`: not solved, or wrong.
+    #[schema(example = "green")]
+    pub verdict: &'static str,
+    /// The larger the better.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub score: Option<f64>,
+    /// Green above it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub threshold: Option<f64>,
+    /// Probability that the largest error on the ground is within the tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probability_correct: Option<f64>,
+    /// After the orientation with points, if there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub features: Option<FeatureReport>,
+    /// The one that decided first.
+    pub reasons: Vec<ReasonReport>,
+}
+
+/// What the diagnosis looks at.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct FeatureReport {
+    /// Control points that were located.
+    pub control_points: usize,
+    /// Of those, the ones eliminated.
+    pub eliminated: usize,
+    /// Logarithm of the standard deviation of unit weight.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log_sigma0: Option<f64>,
+    /// Logarithm of the configuration measure.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log_configuration: Option<f64>,
+}
+
+/// Why the verdict is what it is.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct ReasonReport {
+    /// A stable word for programs.
+    pub code: &'static str,
+    /// A sentence for staff.
+    pub detail: String,
+}
+
+/// Where a part of the approximate orientation came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, serde::Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Origin {
+    /// The request gave it.
+    Request,
+    /// The image file gave it (EXIF or XMP).
+    Exif,
+    /// Nobody gave it: the contract's default.
+    Default,
+    /// Nobody gave it, and everything is possible.
+    Unknown,
+}
+
+/// The approximate orientation that was used, and where each part came from. Angles are about the axes of a local
+/// east, north, up frame at the position.
+#[derive(Debug, Clone, PartialEq, Serialize, serde::Deserialize, ToSchema)]
+pub struct ApproximationUsed {
+    /// The projection centre.
+    pub position: Position,
+    /// Its standard deviations, east, north, up.
+    #[schema(value_type = Vec<f64>)]
+    pub sigma_position_m: [f64; 3],
+    /// Angle about the x axis.
+    pub omega_deg: f64,
+    /// Angle about the y axis.
+    pub phi_deg: f64,
+    /// Angle about the z axis; left out where the whole circle was searched.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kappa_deg: Option<f64>,
+    /// Standard deviation of omega and phi.
+    pub sigma_tilt_deg: f64,
+    /// Standard deviation of kappa; left out where the whole circle was searched.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_kappa_deg: Option<f64>,
+    /// Where these came from.
+    pub origin: ApproximationOrigin,
+}
+
+/// Where the parts of an approximate orientation came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, serde::Deserialize, ToSchema)]
+pub struct ApproximationOrigin {
+    /// The projection centre.
+    pub position: Origin,
+    /// omega and phi.
+    pub tilt: Origin,
+    /// kappa.
+    pub kappa: Origin,
+}
