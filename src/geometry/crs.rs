@@ -1,0 +1,304 @@
+//! Coordinate reference systems, by EPSG code or PROJ string, and the way between them and geocentric coordinates.
+//!
+//! A position is always in the order east or longitude, north or latitude, up (contract, section Coordinates). The
+//! geocentric coordinates between which systems meet are those of WGS 84; ETRS89 and its Polish realisation are
+//! taken as the same, which neglects the drift of the European plate (a few decimetres since 1989).
+//!
+//! Every height is above the ellipsoid of WGS 84 or GRS 80, those of DHDN too, whose own ellipsoid is used for the
+//! horizontal position only; with a geoid undulation it is above the geoid.
+
+mod catalogue;
+mod datum;
+mod proj_string;
+mod projection;
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::ops::RangeInclusive;
+use std::str::FromStr;
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use self::datum::Datum;
+use self::projection::Projection;
+use super::ellipsoid::{Ellipsoid, Geodetic};
+use super::local_frame::LocalFrame;
+
+/// A coordinate reference system. Cheap to clone and to share; equal if written the same.
+#[derive(Debug, Clone)]
+pub struct Crs {
+    name: String,
+    system: System,
+}
+
+/// What the coordinates of a system mean.
+#[derive(Debug, Clone)]
+enum System {
+    /// Longitude and latitude in degrees, height in metres.
+    Geographic(Ellipsoid),
+    /// East, north, up in metres.
+    Topocentric(LocalFrame),
+    /// Grid east and grid north, height in metres.
+    Projected(Projection, Datum),
+}
+
+/// Why a coordinate reference system or a position in it is refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CrsError {
+    /// Neither an EPSG code of the list nor a PROJ string.
+    #[error("the CRS \"{given}\" is not known; known are {}", catalogue::KNOWN)]
+    Unknown {
+        /// What was given, shortened if long.
+        given: String,
+    },
+    /// A compound system, whose heights need a geoid grid.
+    #[error(
+        "the heights of \"{given}\" need a geoid grid, which is not available; give the horizontal CRS with ellipsoidal \
+         heights, or beside it \"vertical\": {{\"geoid_undulation_m\": N}}"
+    )]
+    GeoidGridMissing {
+        /// The compound system.
+        given: String,
+    },
+    /// A parameter of a PROJ string that is missing, wrong or not understood.
+    #[error("the parameter +{parameter} of the PROJ string: {reason}")]
+    Parameter {
+        /// Its name without the plus.
+        parameter: String,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+    /// A coordinate that is not finite or not plausible in its system.
+    #[error("the {coordinate} is {value}; in {crs} it must be from {minimum} to {maximum}")]
+    OutOfRange {
+        /// The system.
+        crs: String,
+        /// Where the coordinate stands: 0, 1 or 2.
+        index: usize,
+        /// What it is called in the system.
+        coordinate: &'static str,
+        /// Its value.
+        value: f64,
+        /// The least that is plausible.
+        minimum: f64,
+        /// The most that is plausible.
+        maximum: f64,
+    },
+    /// No undulation of the Earth's geoid.
+    #[error("the geoid undulation is {value_m} m; it must be from -150 to 150 m")]
+    Undulation {
+        /// Its value.
+        value_m: f64,
+    },
+    /// A geoid undulation beside a system that has no heights.
+    #[error("{crs} has no heights to which a geoid undulation could be added; leave it out")]
+    UndulationWithoutHeight {
+        /// The system.
+        crs: String,
+    },
+}
+
+/// Heights in which cameras and buildings are found, and far more.
+const HEIGHT_RANGE_M: RangeInclusive<f64> = -100_000.0..=100_000.0;
+
+/// The geoid is between 107 m below and 86 m above the ellipsoid.
+const UNDULATION_RANGE_M: RangeInclusive<f64> = -150.0..=150.0;
+
+/// So far away nobody uses a tangent plane.
+const LOCAL_RANGE_M: RangeInclusive<f64> = -1_000_000.0..=1_000_000.0;
+
+/// Half of the distance over which the direction of grid north is taken; rounding and curvature of the grid line then
+/// each make less than 1e-10 rad.
+const NORTH_STEP_M: f64 = 50.0;
+
+impl Crs {
+    /// Reads `EPSG:<code>` or a PROJ string.
+    ///
+    /// Of the PROJ strings `+proj=topocentric`, `utm`, `tmerc` and `longlat` are understood, on WGS 84 or GRS 80
+    /// (the latter is PROJ's default), with the parameters in any order; a missing plus is forgiven, as a URL may
+    /// have turned it into a space.
+    ///
+    /// # Errors
+    /// [`CrsError::Unknown`], [`CrsError::GeoidGridMissing`] for a compound `EPSG:a+b`, and
+    /// [`CrsError::Parameter`], which names the parameter.
+    pub fn parse(given: &str) -> Result<Self, CrsError> {
+        let given = given.trim();
+        let (name, system) = match given.get(..5) {
+            Some(prefix) if prefix.eq_ignore_ascii_case("EPSG:") => catalogue::find(given, &given[5..])?,
+            _ => proj_string::parse(given)?,
+        };
+        Ok(Self { name, system })
+    }
+
+    /// Whether its first two coordinates are longitude and latitude in degrees.
+    #[must_use]
+    pub fn is_geographic(&self) -> bool {
+        matches!(self.system, System::Geographic(_))
+    }
+
+    /// Whether it is a two-dimensional map grid, whose register knows no height: a height in it is taken as
+    /// ellipsoidal, which deserves the warning `vertical_assumed_ellipsoidal` where no undulation was given.
+    #[must_use]
+    pub fn assumes_ellipsoidal_heights(&self) -> bool {
+        matches!(self.system, System::Projected(..))
+    }
+
+    /// How well the published transformation to WGS 84 is known, as a standard deviation in metres; to be added to
+    /// the accuracy of the positions. 0 where there is nothing to transform.
+    #[must_use]
+    pub fn accuracy_m(&self) -> f64 {
+        match &self.system {
+            System::Projected(_, datum) => datum.accuracy_m(),
+            System::Geographic(_) | System::Topocentric(_) => 0.0,
+        }
+    }
+
+    /// The geocentric coordinates of a position `[east or longitude, north or latitude, up]`.
+    ///
+    /// With a geoid undulation N the third coordinate is a height above the geoid, and N is added to it.
+    ///
+    /// # Errors
+    /// [`CrsError::OutOfRange`] for a coordinate that is not finite or not plausible, [`CrsError::Undulation`], and
+    /// [`CrsError::UndulationWithoutHeight`] for an undulation in a topocentric frame.
+    pub fn geocentric_from_position(
+        &self,
+        position: [f64; 3],
+        geoid_undulation_m: Option<f64>,
+    ) -> Result<Vector3<f64>, CrsError> {
+        self.check_position(position)?;
+        let undulation_m = checked_undulation_m(geoid_undulation_m)?;
+        let [x, y, z] = position;
+        match &self.system {
+            System::Topocentric(_) if geoid_undulation_m.is_some() => {
+                Err(CrsError::UndulationWithoutHeight { crs: self.name.clone() })
+            }
+            System::Topocentric(frame) => Ok(frame.to_geocentric(Vector3::from(position))),
+            System::Geographic(ellipsoid) => Ok(ellipsoid.geocentric_m(Geodetic {
+                longitude_rad: x.to_radians(),
+                latitude_rad: y.to_radians(),
+                height_m: z + undulation_m,
+            })),
+            System::Projected(projection, datum) => {
+                let (longitude_rad, latitude_rad) = projection.longitude_latitude_rad(x, y);
+                Ok(datum.geocentric_m(Geodetic { longitude_rad, latitude_rad, height_m: z + undulation_m }))
+            }
+        }
+    }
+
+    /// The position `[east or longitude, north or latitude, up]` of geocentric coordinates.
+    ///
+    /// With a geoid undulation N its height is above the geoid; in a topocentric frame, whose up is no height, N has
+    /// no effect.
+    ///
+    /// # Errors
+    /// [`CrsError::OutOfRange`] where the system does not reach, and [`CrsError::Undulation`].
+    pub fn position_from_geocentric(
+        &self,
+        geocentric_m: Vector3<f64>,
+        geoid_undulation_m: Option<f64>,
+    ) -> Result<[f64; 3], CrsError> {
+        let undulation_m = checked_undulation_m(geoid_undulation_m)?;
+        let position = match &self.system {
+            System::Topocentric(frame) => frame.from_geocentric(geocentric_m).into(),
+            System::Geographic(ellipsoid) => {
+                let Geodetic { longitude_rad, latitude_rad, height_m } = ellipsoid.geodetic(geocentric_m);
+                [longitude_rad.to_degrees(), latitude_rad.to_degrees(), height_m - undulation_m]
+            }
+            System::Projected(projection, datum) => {
+                let Geodetic { longitude_rad, latitude_rad, height_m } = datum.geodetic(geocentric_m);
+                let (easting_m, northing_m) = projection.easting_northing_m(longitude_rad, latitude_rad);
+                [easting_m, northing_m, height_m - undulation_m]
+            }
+        };
+        self.check_position(position)?;
+        Ok(position)
+    }
+
+    /// The rotation of geocentric axes into those that an orientation in this system refers to at a point: the axes
+    /// of a topocentric frame; local east, north, up for a geographic system; grid east, grid north and the
+    /// ellipsoid's up for a map grid, that is local axes turned by the convergence of the meridians.
+    ///
+    /// # Errors
+    /// [`CrsError::OutOfRange`] where the system does not reach.
+    pub fn axes_from_geocentric(&self, at_geocentric_m: Vector3<f64>) -> Result<Rotation3<f64>, CrsError> {
+        let [easting_m, northing_m, _] = self.position_from_geocentric(at_geocentric_m, None)?;
+        let local = LocalFrame::about(at_geocentric_m).local_from_geocentric();
+        let (projection, datum) = match &self.system {
+            System::Topocentric(frame) => return Ok(frame.local_from_geocentric()),
+            System::Geographic(_) => return Ok(local),
+            System::Projected(projection, datum) => (projection, datum),
+        };
+        // on the ellipsoid itself, where the convergence of the meridians is defined
+        let ground_m = |northing_m: f64| {
+            let (longitude_rad, latitude_rad) = projection.longitude_latitude_rad(easting_m, northing_m);
+            datum.geocentric_m(Geodetic { longitude_rad, latitude_rad, height_m: 0.0 })
+        };
+        let north = local * (ground_m(northing_m + NORTH_STEP_M) - ground_m(northing_m - NORTH_STEP_M));
+        let (sin, cos) = (north.x / north.xy().norm(), north.y / north.xy().norm());
+        let grid_from_local =
+            Rotation3::from_matrix_unchecked(Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0));
+        Ok(grid_from_local * local)
+    }
+
+    /// Refuses coordinates that are not finite or not plausible.
+    fn check_position(&self, position: [f64; 3]) -> Result<(), CrsError> {
+        let coordinates = match &self.system {
+            System::Geographic(_) => {
+                [("longitude", -180.0..=180.0), ("latitude", -90.0..=90.0), ("height", HEIGHT_RANGE_M)]
+            }
+            System::Topocentric(_) => ["east", "north", "up"].map(|name| (name, LOCAL_RANGE_M)),
+            System::Projected(projection, _) => [
+                ("easting", projection.easting_range_m()),
+                ("northing", projection.northing_range_m()),
+                ("height", HEIGHT_RANGE_M),
+            ],
+        };
+        for (index, ((coordinate, range), value)) in coordinates.into_iter().zip(position).enumerate() {
+            if !range.contains(&value) {
+                let (minimum, maximum) = range.into_inner();
+                return Err(CrsError::OutOfRange {
+                    crs: self.name.clone(),
+                    index,
+                    coordinate,
+                    value,
+                    minimum,
+                    maximum,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The undulation to be added to heights, 0 if none was given.
+fn checked_undulation_m(given_m: Option<f64>) -> Result<f64, CrsError> {
+    match given_m {
+        Some(value_m) if !UNDULATION_RANGE_M.contains(&value_m) => Err(CrsError::Undulation { value_m }),
+        other => Ok(other.unwrap_or(0.0)),
+    }
+}
+
+impl FromStr for Crs {
+    type Err = CrsError;
+
+    fn from_str(given: &str) -> Result<Self, CrsError> {
+        Self::parse(given)
+    }
+}
+
+impl fmt::Display for Crs {
+    /// As it was given, without superfluous spaces and with the pluses.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name)
+    }
+}
+
+impl PartialEq for Crs {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Eq for Crs {}

@@ -1,0 +1,116 @@
+//! Map projections, carried out by the geodesy library.
+//!
+//! Its operations are looked up by a handle in a context that is not to be shared while it grows; here every
+//! projection holds its own operation, which never changes, so that threads can share it.
+
+use std::f64::consts::FRAC_PI_2;
+use std::ops::RangeInclusive;
+use std::sync::Arc;
+
+use geodesy::authoring::{Coor2D, Direction, Minimal, Op};
+
+use super::{CrsError, Ellipsoid};
+
+/// Between longitude and latitude on an ellipsoid and easting and northing of a map grid.
+#[derive(Debug, Clone)]
+pub(super) struct Projection {
+    operation: Arc<Op>,
+    easting_range_m: [f64; 2],
+    northing_range_m: [f64; 2],
+}
+
+/// The defining parameters of a transverse Mercator projection.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TransverseMercator {
+    /// The ellipsoid that is projected.
+    pub(super) ellipsoid: Ellipsoid,
+    /// Longitude of the central meridian.
+    pub(super) central_meridian_deg: f64,
+    /// Latitude that has the false northing.
+    pub(super) latitude_of_origin_deg: f64,
+    /// Scale on the central meridian.
+    pub(super) scale: f64,
+    /// Easting of the central meridian.
+    pub(super) false_easting_m: f64,
+    /// Northing of the latitude of origin.
+    pub(super) false_northing_m: f64,
+}
+
+/// Farther from its central meridian a transverse Mercator grid is hardly used (Norway stretches zone 33 by 600 km);
+/// a wrong zone prefix or exchanged axes lead far beyond.
+const WIDEST_M: f64 = 750_000.0;
+
+/// Half of the side of the square to which web maps cut the world.
+const WEB_MERCATOR_EDGE_M: f64 = 20_037_508.342_789_244;
+
+impl TransverseMercator {
+    /// The zone (1 to 60) of Universal Transverse Mercator in the northern or southern hemisphere.
+    pub(super) fn utm(ellipsoid: Ellipsoid, zone: u32, southern: bool) -> Self {
+        Self {
+            ellipsoid,
+            central_meridian_deg: 6.0 * f64::from(zone) - 183.0,
+            latitude_of_origin_deg: 0.0,
+            scale: 0.9996,
+            false_easting_m: 500_000.0,
+            false_northing_m: if southern { 10_000_000.0 } else { 0.0 },
+        }
+    }
+}
+
+impl Projection {
+    /// A transverse Mercator grid from pole to pole.
+    pub(super) fn transverse_mercator(parameters: TransverseMercator) -> Result<Self, CrsError> {
+        let TransverseMercator { ellipsoid, central_meridian_deg, latitude_of_origin_deg, scale, .. } = parameters;
+        let [x_0, y_0] = [parameters.false_easting_m, parameters.false_northing_m];
+        let operation = operation(&format!(
+            "tmerc ellps={} lon_0={central_meridian_deg} lat_0={latitude_of_origin_deg} k_0={scale} x_0={x_0} y_0={y_0}",
+            ellipsoid.name
+        ))?;
+        let mut grid =
+            Self { operation, easting_range_m: [x_0 - WIDEST_M, x_0 + WIDEST_M], northing_range_m: [0.0; 2] };
+        grid.northing_range_m =
+            [-FRAC_PI_2, FRAC_PI_2].map(|pole| grid.easting_northing_m(central_meridian_deg.to_radians(), pole).1);
+        Ok(grid)
+    }
+
+    /// The spherical Mercator projection of web maps, on the latitudes of WGS 84.
+    pub(super) fn web_mercator() -> Result<Self, CrsError> {
+        let range_m = [-WEB_MERCATOR_EDGE_M, WEB_MERCATOR_EDGE_M];
+        Ok(Self { operation: operation("webmerc ellps=WGS84")?, easting_range_m: range_m, northing_range_m: range_m })
+    }
+
+    /// Easting and northing, not finite or out of range where the grid does not reach.
+    pub(super) fn easting_northing_m(&self, longitude_rad: f64, latitude_rad: f64) -> (f64, f64) {
+        self.apply(Direction::Fwd, [longitude_rad, latitude_rad])
+    }
+
+    /// Longitude and latitude of a grid position within range.
+    pub(super) fn longitude_latitude_rad(&self, easting_m: f64, northing_m: f64) -> (f64, f64) {
+        self.apply(Direction::Inv, [easting_m, northing_m])
+    }
+
+    /// The eastings of the grid.
+    pub(super) fn easting_range_m(&self) -> RangeInclusive<f64> {
+        self.easting_range_m[0]..=self.easting_range_m[1]
+    }
+
+    /// The northings of the grid.
+    pub(super) fn northing_range_m(&self) -> RangeInclusive<f64> {
+        self.northing_range_m[0]..=self.northing_range_m[1]
+    }
+
+    fn apply(&self, direction: Direction, coordinates: [f64; 2]) -> (f64, f64) {
+        let mut operands = [Coor2D(coordinates)];
+        // The count of successes is of no use: a failure leaves NaN behind, which the callers' ranges refuse.
+        self.operation.apply(&Minimal::default(), &mut operands, direction);
+        (operands[0].0[0], operands[0].0[1])
+    }
+}
+
+/// An operation of the library. Every definition is made here from checked numbers, so that it fails only by a defect.
+fn operation(definition: &str) -> Result<Arc<Op>, CrsError> {
+    Op::new(definition, &Minimal::default()).map(Arc::new).map_err(|fault| CrsError::Parameter {
+        parameter: "proj".into(),
+        reason: format!("the projection \"{definition}\" cannot be made: {fault}"),
+    })
+}
