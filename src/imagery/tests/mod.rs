@@ -1,0 +1,9 @@
+//! Pictures of a known pattern in all variants, damaged ones, and the real photographs.
+
+mod damage;
+mod formats;
+mod headers;
+mod pattern;
+mod photographs;
+mod tiff_writer;
+mod windows;
