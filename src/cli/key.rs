@@ -1,12 +1,13 @@
 //! `gable key`.
 
 use anyhow::bail;
+use chrono::{DateTime, SecondsFormat, Utc};
 use clap::{Args, Subcommand};
 use gable::store::Store;
 use gable::store::keys::{Role, random_secret};
 use uuid::Uuid;
 
-use super::Settings;
+use super::{Settings, print};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -73,22 +74,24 @@ async fn open(settings: &Settings) -> anyhow::Result<Store> {
     Ok(Store::open(&settings.gather(&[])?.data).await?)
 }
 
-#[expect(clippy::print_stdout, reason = "the key is what was asked for")]
 async fn new(store: &Store, role: Role, name: &str) -> anyhow::Result<()> {
     let secret = random_secret()?;
     let key = store.add_key(&secret, name, role).await?;
     tracing::info!(id = %key.id, %role, name, "made a key; it is shown only now");
-    println!("{secret}");
+    print(&secret)
+}
+
+async fn list(store: &Store) -> anyhow::Result<()> {
+    for key in store.keys().await? {
+        let revoked = key.revoked_at.map_or_else(|| String::from("valid"), |at| format!("revoked {}", seconds(at)));
+        let (id, role, name, made) = (key.id, key.role.name(), key.name, seconds(key.created_at));
+        print(&format!("{id}  {role:<8}  {name:<20}  made {made}  {revoked}"))?;
+    }
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "the list is what was asked for")]
-async fn list(store: &Store) -> anyhow::Result<()> {
-    for key in store.keys().await? {
-        let revoked = key.revoked_at.map_or_else(|| String::from("valid"), |at| format!("revoked {at:.0?}"));
-        println!("{}  {:<8}  {:<20}  made {:.0?}  {revoked}", key.id, key.role.name(), key.name, key.created_at);
-    }
-    Ok(())
+fn seconds(time: DateTime<Utc>) -> String {
+    time.to_rfc3339_opts(SecondsFormat::Secs, true)
 }
 
 async fn revoke(store: &Store, id: Uuid) -> anyhow::Result<()> {

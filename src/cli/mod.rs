@@ -4,6 +4,7 @@ mod key;
 mod openapi;
 mod serve;
 
+use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -70,7 +71,10 @@ fn begin_log(configuration: &Configuration) -> anyhow::Result<()> {
     let filter = EnvFilter::try_new(&configuration.log).map_err(|error| ConfigurationError::Unreadable {
         detail: format!("log is {:?}, which is not a filter such as info,gable=debug: {error}", configuration.log),
     })?;
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // it logs every tag of every image, positions too
+    let filter = filter.add_directive("nom_exif=off".parse()?);
+    let colours = std::io::stderr().is_terminal();
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(colours).with_writer(std::io::stderr);
     let begun = match configuration.log_format {
         LogFormat::Text => log.try_init(),
         LogFormat::Json => log.json().flatten_event(true).try_init(),
@@ -91,7 +95,15 @@ pub(crate) fn run() -> ExitCode {
     result.map_or_else(|error| failed(&error), |()| ExitCode::SUCCESS)
 }
 
-#[expect(clippy::print_stderr, reason = "the last word of a program that has failed")]
+/// Prints a result. A reader that has seen enough, like `head`, is no error.
+fn print(text: &str) -> anyhow::Result<()> {
+    let mut output = std::io::stdout().lock();
+    match writeln!(output, "{text}").and_then(|()| output.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("cannot print"),
+        _ => Ok(()),
+    }
+}
+
 fn failed(error: &anyhow::Error) -> ExitCode {
     eprintln!("gable: {error:#}");
     if error.is::<ConfigurationError>() { ExitCode::from(2) } else { ExitCode::FAILURE }

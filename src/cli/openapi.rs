@@ -16,9 +16,8 @@ Examples:
 pub(crate) struct OpenApi {}
 
 impl OpenApi {
-    #[expect(clippy::print_stdout, clippy::unused_self, reason = "the document is what was asked for")]
+    #[expect(clippy::unused_self, reason = "as all commands are run")]
     pub(crate) fn run(self) -> anyhow::Result<()> {
-        println!("{}", gable::http::document().to_pretty_json()?);
-        Ok(())
+        super::print(&gable::http::document().to_pretty_json()?)
     }
 }

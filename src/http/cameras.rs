@@ -181,7 +181,7 @@ fn check_name(name: &str) -> Result<(), Problem> {
 ///
 /// The same name with the same content again is answered with 200 and the camera that is there.
 #[utoipa::path(
-    post, path = "/cameras", tag = "cameras", request_body = CameraRequest,
+    post, path = "/cameras", operation_id = "add_camera", tag = "cameras", request_body = CameraRequest,
     params(("Idempotency-Key" = Option<String>, Header, description = "Makes the request safe to repeat")),
     responses(
         (status = 201, description = "Added", body = CameraAnswer),
@@ -217,7 +217,7 @@ async fn create(
 ///
 /// The newest first.
 #[utoipa::path(
-    get, path = "/cameras", tag = "cameras", params(PageQuery),
+    get, path = "/cameras", operation_id = "list_cameras", tag = "cameras", params(PageQuery),
     responses(
         (status = 200, description = "One page", body = Page<CameraAnswer>),
         (status = "default", description = "Any problem", body = Problem, content_type = "application/problem+json"),
@@ -234,7 +234,7 @@ async fn list(
 
 /// Show a camera
 #[utoipa::path(
-    get, path = "/cameras/{id}", tag = "cameras",
+    get, path = "/cameras/{id}", operation_id = "show_camera", tag = "cameras",
     params(("id" = String, Path, description = "The camera's id or name")),
     responses(
         (status = 200, description = "The camera", body = CameraAnswer),
@@ -251,7 +251,7 @@ async fn read(State(state): State<AppState>, Path(id): Path<String>) -> Result<a
 ///
 /// Not while an orientation refers to it.
 #[utoipa::path(
-    delete, path = "/cameras/{id}", tag = "cameras",
+    delete, path = "/cameras/{id}", operation_id = "delete_camera", tag = "cameras",
     params(("id" = String, Path, description = "The camera's id or name")),
     responses(
         (status = 204, description = "Deleted"),

@@ -34,7 +34,7 @@ pub struct Health {
 /// Does the service live?
 ///
 /// 200 as long as the process answers at all. One that does not should be started anew.
-#[utoipa::path(get, path = "/health/live", tag = "service", security(()),
+#[utoipa::path(get, path = "/health/live", operation_id = "is_live", tag = "service", security(()),
     responses((status = 200, description = "It does", body = Health)))]
 async fn live() -> Json<Health> {
     Json(Health { status: "live", not_ready: BTreeMap::new() })
@@ -44,7 +44,7 @@ async fn live() -> Json<Health> {
 ///
 /// 503, naming what is not ready, while a part of it cannot do its work or the service is about to end: send requests
 /// elsewhere until it is ready again.
-#[utoipa::path(get, path = "/health/ready", tag = "service", security(()),
+#[utoipa::path(get, path = "/health/ready", operation_id = "is_ready", tag = "service", security(()),
     responses(
         (status = 200, description = "It can", body = Health),
         (status = 503, description = "It cannot, for the reasons named", body = Health),

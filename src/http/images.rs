@@ -97,7 +97,7 @@ impl From<Image> for ImageAnswer {
 /// A SHA-256 in `Content-Digest` or `Repr-Digest` (RFC 9530) is checked. The pixels are decoded, strictly, only when
 /// the image is oriented.
 #[utoipa::path(
-    post, path = "/images", tag = "images",
+    post, path = "/images", operation_id = "upload_image", tag = "images",
     request_body(content(
         (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"), (Form = "multipart/form-data"),
     )),
@@ -310,7 +310,7 @@ fn imagery_problem(error: ImageryError) -> Problem {
 ///
 /// The newest first.
 #[utoipa::path(
-    get, path = "/images", tag = "images", params(PageQuery),
+    get, path = "/images", operation_id = "list_images", tag = "images", params(PageQuery),
     responses(
         (status = 200, description = "One page", body = Page<ImageAnswer>),
         (status = "default", description = "Any problem", body = Problem, content_type = "application/problem+json"),
@@ -329,7 +329,7 @@ async fn list(
 ///
 /// What is known of it, not its pixels.
 #[utoipa::path(
-    get, path = "/images/{id}", tag = "images",
+    get, path = "/images/{id}", operation_id = "show_image", tag = "images",
     params(("id" = Uuid, Path, description = "The image's id")),
     responses(
         (status = 200, description = "The image", body = ImageAnswer),

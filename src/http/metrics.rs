@@ -23,7 +23,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
 ///
 /// Requests by route and status with their durations, and what the other parts of the service record.
 #[utoipa::path(
-    get, path = "/metrics", tag = "service",
+    get, path = "/metrics", operation_id = "show_metrics", tag = "service",
     responses(
         (status = 200, description = "Prometheus text format", body = String, content_type = "text/plain"),
         (status = 401, description = "No valid key", body = Problem, content_type = "application/problem+json"),

@@ -1,7 +1,7 @@
 //! The HTTP contract, one file a resource.
 //!
 //! To add a resource: a file with `pub fn routes() -> OpenApiRouter<AppState>`, whose handlers carry
-//! `#[utoipa::path]` with full doc text and return `Result<_, Problem>`; a line in [`api`]; and a line for each of
+//! `#[utoipa::path]` with an `operation_id` of its own and full doc text, and return `Result<_, Problem>`; a line in [`api`]; and a line for each of
 //! its routes in [`access::ROUTES`], which says who may call it. A route that is not listed there answers nobody.
 
 pub mod access;
@@ -51,30 +51,63 @@ pub fn document() -> utoipa::openapi::OpenApi {
 /// # Errors
 /// If the OpenAPI document cannot be written as JSON.
 pub fn router(state: AppState) -> Result<Router, serde_json::Error> {
-    metrics::begin_recording();
     let (routes, document) = api().split_for_parts();
     let document = openapi::Text(Arc::from(document.to_json()?));
+    Ok(furnished(routes.merge(openapi::pages()).layer(axum::Extension(document)), state))
+}
+
+/// Puts everything around the routes that all of them have in common.
+fn furnished(routes: Router<AppState>, state: AppState) -> Router {
+    metrics::begin_recording();
     let body_idle = Duration::from_secs(state.configuration.body_idle_timeout_s);
     let body_max = DefaultBodyLimit::max(state.configuration.body_max_bytes);
-    Ok(routes
-        .merge(openapi::pages())
+    routes
         // closest to the handlers, so that a panic is an answer to everything further out
         .route_layer(CatchPanicLayer::custom(panicked))
         .route_layer(from_fn_with_state(state.clone(), idempotency::replay))
         .route_layer(from_fn_with_state(state.clone(), access::guard))
         .fallback(async || Problem::not_found("There is nothing under this address."))
         .method_not_allowed_fallback(async || Problem::method_not_allowed("This address does not know this method."))
-        .layer(axum::Extension(document))
         .layer(body_max)
         .layer(CatchPanicLayer::custom(panicked))
         .layer(from_fn(observe::observe))
         .layer(RequestBodyTimeoutLayer::new(body_idle))
         .layer(CompressionLayer::new())
-        .with_state(state))
+        .with_state(state)
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "tower-http wants it so")]
 fn panicked(panic: Box<dyn Any + Send>) -> Response {
     let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
     Problem::internal(&format!("panic: {}", text.unwrap_or("of an unknown kind"))).into_response()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::body::{Body, to_bytes};
+    use axum::http::{Request, StatusCode};
+    use axum::routing::get;
+    use tower::ServiceExt as _;
+
+    #[tokio::test]
+    async fn panic_is_an_internal_problem_that_tells_nothing_but_the_request_s_id() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = crate::store::Store::open(folder.path()).await.unwrap();
+        let state = AppState::new(store, crate::configuration::Configuration::default());
+        async fn breaks() {
+            panic!("secret")
+        }
+        let app = furnished(Router::new().route("/health/live", get(breaks)), state);
+        let request = Request::get("/health/live").header("x-request-id", "r-1").body(Body::empty()).unwrap();
+        let response = app.oneshot(request).await.unwrap();
+        assert_eq!(response.status(), StatusCode::INTERNAL_SERVER_ERROR);
+        assert_eq!(response.headers()["content-type"], "application/problem+json");
+        assert_eq!(response.headers()["x-request-id"], "r-1");
+        let body = to_bytes(response.into_body(), 10_000).await.unwrap();
+        let problem: serde_json::Value = serde_json::from_slice(&body).unwrap();
+        assert_eq!(problem["instance"], "r-1");
+        assert_eq!(problem["status"], 500);
+        assert!(!String::from_utf8_lossy(&body).contains("secret"), "{problem}");
+    }
 }

@@ -60,7 +60,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
 pub struct Text(pub Arc<str>);
 
 /// This document
-#[utoipa::path(get, path = "/openapi.json", tag = "service", security(()),
+#[utoipa::path(get, path = "/openapi.json", operation_id = "show_contract", tag = "service", security(()),
     responses((status = 200, description = "OpenAPI 3.1", body = serde_json::Value)))]
 async fn document(Extension(Text(text)): Extension<Text>) -> impl IntoResponse {
     ([(header::CONTENT_TYPE, "application/json")], text.to_string())

@@ -188,8 +188,9 @@ impl Store {
     /// [`StoreError`]; then nothing is visible.
     pub async fn keep_image(&self, id: Uuid, received: Received, header: &Header) -> Result<(Image, bool), StoreError> {
         let kept = self.image_path(&received.sha256);
-        fs::rename(received.path(), &kept).map_err(|source| file_error("cannot create", &kept, source))?;
-        sync_folder(&self.folder.join(FOLDER))?;
+        let renamed = tokio::fs::rename(received.path(), &kept).await;
+        renamed.map_err(|source| file_error("cannot create", &kept, source))?;
+        sync_folder(&self.folder.join(FOLDER)).await?;
         let size_bytes = i64::try_from(received.size_bytes)
             .map_err(|_| StoreError::Unknown { what: "size", value: received.size_bytes.to_string() })?;
         let mut transaction = self.begin_write().await?;
@@ -295,10 +296,9 @@ fn files_of(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     listed.map_err(|source| file_error("cannot list", folder, source))
 }
 
-fn sync_folder(folder: &Path) -> Result<(), StoreError> {
-    fs::File::open(folder)
-        .and_then(|opened| opened.sync_all())
-        .map_err(|source| file_error("cannot sync", folder, source))
+async fn sync_folder(folder: &Path) -> Result<(), StoreError> {
+    let synced = async { tokio::fs::File::open(folder).await?.sync_all().await };
+    synced.await.map_err(|source| file_error("cannot sync", folder, source))
 }
 
 fn file_error(action: &'static str, path: &Path, source: std::io::Error) -> StoreError {
