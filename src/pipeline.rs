@@ -7,18 +7,7 @@ use crate::features::{Picture, PictureError};
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::orientation::ControlPoint;
 
-/// What is known of the orientation beforehand, in the local tangent plane at the approximate position.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Approximation {
-    /// Projection centre and rotation (kappa is arbitrary where `sigma_kappa_rad` is `None`).
-    pub orientation: ExteriorOrientation,
-    /// Standard deviations of the projection centre, east, north, up.
-    pub sigma_position_m: [f64; 3],
-    /// Standard deviation of omega and of phi.
-    pub sigma_tilt_rad: f64,
-    /// Standard deviation of kappa; `None`: nothing is known, the whole circle is searched.
-    pub sigma_kappa_rad: Option<f64>,
-}
+pub use crate::orientation::predict::Approximation;
 
 /// The largest planimetric error on the ground that the user can accept.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,5 +1,8 @@
 //! Pixels in, image features out, each with its covariance.
 
+pub mod edgels;
 pub mod picture;
+pub mod segments;
 
 pub use picture::{GreyWindow, Picture, PictureError, PixelRect};
+pub use segments::{Detection, LineSegment, line_segments};

@@ -1,5 +1,13 @@
 //! The orientation of one image, a file a stage, in the order in which data flows.
 
+pub mod adjust;
+pub mod collect;
+pub mod extract;
+pub mod locate;
+pub mod matching;
+pub mod predict;
+pub mod search;
+
 use nalgebra::Vector3;
 
 use crate::geometry::Segment3;

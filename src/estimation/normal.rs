@@ -1,0 +1,91 @@
+//! Normal equations of the six parameters of an exterior orientation, and prior knowledge as an observation of them.
+//!
+//! The parameters are the step `[dX0, theta]` of [`ExteriorOrientation::moved`], in metres and radians.
+
+use nalgebra::{Matrix2, Matrix2x6, Matrix6, Vector2, Vector6};
+
+use crate::geometry::ExteriorOrientation;
+
+/// Parameters whose scaled variance exceeds this are not determined.
+const LARGEST_INVERSE: f64 = 1e11;
+
+/// `N dx = n` with the weighted sum of squares at `dx = 0`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NormalEquations {
+    /// The matrix N.
+    pub matrix: Matrix6<f64>,
+    /// The right-hand side n.
+    pub right_side: Vector6<f64>,
+    /// `l' W l`.
+    pub squares: f64,
+}
+
+impl NormalEquations {
+    /// No observation yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { matrix: Matrix6::zeros(), right_side: Vector6::zeros(), squares: 0.0 }
+    }
+
+    /// Adds two observation equations `jacobian * dx = misclosure` with their weight matrix.
+    pub fn add(&mut self, jacobian: &Matrix2x6<f64>, misclosure: &Vector2<f64>, weight: &Matrix2<f64>) {
+        let weighted = jacobian.transpose() * weight;
+        self.matrix += weighted * jacobian;
+        self.right_side += weighted * misclosure;
+        self.squares += misclosure.dot(&(weight * misclosure));
+    }
+
+    /// Adds prior knowledge of all six parameters.
+    pub fn add_prior(&mut self, prior: &Prior, at: &ExteriorOrientation) {
+        let misclosure = at.step_to(&prior.orientation);
+        self.matrix += prior.information;
+        self.right_side += prior.information * misclosure;
+        self.squares += misclosure.dot(&(prior.information * misclosure));
+    }
+
+    /// The step, or `None` where the parameters are not determined.
+    #[must_use]
+    pub fn solve(&self) -> Option<Vector6<f64>> {
+        let scale = self.scale()?;
+        let factor = self.scaled(&scale).cholesky()?;
+        let step = factor.solve(&self.right_side.component_mul(&scale)).component_mul(&scale);
+        step.iter().all(|v| v.is_finite()).then_some(step)
+    }
+
+    /// The inverse of N, or `None` where the parameters are not determined.
+    #[must_use]
+    pub fn inverse(&self) -> Option<Matrix6<f64>> {
+        let scale = self.scale()?;
+        let inverse = self.scaled(&scale).cholesky()?.inverse();
+        // the diagonal of N is one here: large values mean that rounding has eaten the digits
+        let determined = inverse.diagonal().iter().all(|v| v.is_finite() && *v < LARGEST_INVERSE);
+        let diagonal = Matrix6::from_diagonal(&scale);
+        determined.then(|| diagonal * inverse * diagonal)
+    }
+
+    /// Metres and radians differ by orders of magnitude: the diagonal is brought to one first.
+    fn scale(&self) -> Option<Vector6<f64>> {
+        let diagonal = self.matrix.diagonal();
+        diagonal.iter().all(|d| d.is_finite() && *d > 0.0).then(|| diagonal.map(|d| 1.0 / d.sqrt()))
+    }
+
+    fn scaled(&self, scale: &Vector6<f64>) -> Matrix6<f64> {
+        let diagonal = Matrix6::from_diagonal(scale);
+        diagonal * self.matrix * diagonal
+    }
+}
+
+impl Default for NormalEquations {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What is known of the orientation before an image point is measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prior {
+    /// The most probable orientation.
+    pub orientation: ExteriorOrientation,
+    /// Inverse covariance of the step away from it.
+    pub information: Matrix6<f64>,
+}

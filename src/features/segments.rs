@@ -1,0 +1,258 @@
+//! Straight line segments out of a grey window, each with the covariance of its position (method 1.3).
+//!
+//! Edge pixels whose gradients point the same way are collected from the strongest on; a line is fitted to their
+//! sub-cell positions, and what is bent is cut where it deviates most, until every piece is straight.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::edgels::{Edgel, edgels};
+use super::picture::GreyWindow;
+use crate::geometry::Segment2;
+
+/// What counts as a line segment. All lengths in cells of the window that is searched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detection {
+    /// Weakest gradient, grey values per cell after smoothing.
+    pub least_gradient: f32,
+    /// Shortest segment.
+    pub least_length: f64,
+    /// Largest angle between the gradient of an edge pixel and that of the segment that it joins.
+    pub direction_tolerance_rad: f32,
+    /// Largest root mean square distance of the edge pixels from their line.
+    pub largest_scatter: f64,
+    /// Least number of edge pixels per unit of length.
+    pub least_density: f64,
+}
+
+impl Default for Detection {
+    fn default() -> Self {
+        Self {
+            // three times the gradient noise of a grey value noise of about 4 after smoothing
+            least_gradient: 2.5,
+            least_length: 10.0,
+            direction_tolerance_rad: 20.0 * std::f32::consts::PI / 180.0,
+            largest_scatter: 0.5,
+            least_density: 0.6,
+        }
+    }
+}
+
+/// A straight line segment, in pixels of the file, directed so that its brighter side is on its left (as seen with
+/// y downwards: the gradient is the direction turned by a quarter from x towards y, reversed).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LineSegment {
+    /// Its end points.
+    pub segment: Segment2,
+    /// Covariance of the distances of start and end across the line (Schickler's v), px².
+    pub covariance_across: Matrix2<f64>,
+    /// Mean gradient along it, grey values per pixel.
+    pub gradient: f64,
+    /// Pixels of the file along a side of a cell of the window in which it was found.
+    pub reduction: u32,
+}
+
+/// Standard deviation, in cells, of the position of a single edge pixel across its edge, at least: sampling and the
+/// parabola leave so much even without noise.
+const LEAST_EDGEL_SIGMA: f64 = 0.1;
+
+/// Neighbouring edge pixels share the grey values that smoothing and gradient mixed; so many of them count as one.
+/// (Measured by the simulation in the tests below.)
+const CORRELATED_EDGELS: f64 = 2.2;
+
+/// The line segments of a window.
+#[must_use]
+pub fn line_segments(window: &GreyWindow, detection: &Detection) -> Vec<LineSegment> {
+    let edgels = edgels(window, detection.least_gradient);
+    let mut regions = Regions::new(&edgels, window.width, window.height, detection.direction_tolerance_rad.cos());
+    let mut found = Vec::new();
+    let mut members = Vec::new();
+    for seed in strongest_first(&edgels) {
+        if regions.grow(seed, &mut members) && members.len() as f64 >= detection.least_density * detection.least_length
+        {
+            straight_pieces(&edgels, &mut members, detection, &mut |fit| found.push(fit.in_file(window)));
+        }
+    }
+    found
+}
+
+/// Indices of the edgels by falling gradient, sorted into steps of an eighth of an octave: an exact order is not needed.
+fn strongest_first(edgels: &[Edgel]) -> Vec<u32> {
+    const STEPS: usize = 64;
+    let step = |e: &Edgel| (STEPS - 1).saturating_sub((e.gradient.max(1.0).log2() * 8.0) as usize);
+    let mut starts = [0_usize; STEPS + 1];
+    for e in edgels {
+        starts[step(e) + 1] += 1;
+    }
+    for k in 0..STEPS {
+        starts[k + 1] += starts[k];
+    }
+    let mut order = vec![0_u32; edgels.len()];
+    for (index, e) in edgels.iter().enumerate() {
+        let place = &mut starts[step(e)];
+        order[*place] = index as u32;
+        *place += 1;
+    }
+    order
+}
+
+/// Which edge pixels are still free, and how they are collected.
+struct Regions<'a> {
+    edgels: &'a [Edgel],
+    /// For each cell the free edgel in it, else `FREE_NONE`.
+    at_cell: Vec<u32>,
+    width: usize,
+    height: usize,
+    least_cosine: f32,
+}
+
+const NONE: u32 = u32::MAX;
+
+impl<'a> Regions<'a> {
+    fn new(edgels: &'a [Edgel], width: usize, height: usize, least_cosine: f32) -> Self {
+        let mut at_cell = vec![NONE; width * height];
+        for (index, edgel) in edgels.iter().enumerate() {
+            at_cell[edgel.cell as usize] = index as u32;
+        }
+        Self { edgels, at_cell, width, height, least_cosine }
+    }
+
+    /// Collects into `members` what is connected to `seed` over at most one missing cell and points the same way as
+    /// all collected before; false if the seed is taken already.
+    fn grow(&mut self, seed: u32, members: &mut Vec<u32>) -> bool {
+        let first = &self.edgels[seed as usize];
+        if self.at_cell[first.cell as usize] != seed {
+            return false;
+        }
+        self.at_cell[first.cell as usize] = NONE;
+        members.clear();
+        members.push(seed);
+        let mut sum = first.normal;
+        let mut next = 0;
+        while let Some(&index) = members.get(next) {
+            next += 1;
+            let cell = self.edgels[index as usize].cell as usize;
+            let (row, column) = (cell / self.width, cell % self.width);
+            let norm = sum[0].hypot(sum[1]).max(f32::MIN_POSITIVE);
+            let mean = [sum[0] / norm, sum[1] / norm];
+            // edgels keep two cells away from the rim
+            for near_row in row.saturating_sub(2)..(row + 3).min(self.height) {
+                let start = near_row * self.width;
+                for candidate in &mut self.at_cell[start + column - 2..start + column + 3] {
+                    if *candidate == NONE {
+                        continue;
+                    }
+                    let normal = self.edgels[*candidate as usize].normal;
+                    if normal[0] * mean[0] + normal[1] * mean[1] >= self.least_cosine {
+                        members.push(*candidate);
+                        sum = [sum[0] + normal[0], sum[1] + normal[1]];
+                        *candidate = NONE;
+                    }
+                }
+            }
+        }
+        true
+    }
+}
+
+/// A line fitted to edge pixels; lengths in cells.
+struct Fit {
+    centre: Vector2<f64>,
+    along: Vector2<f64>,
+    from: f64,
+    to: f64,
+    scatter: f64,
+    count: usize,
+    gradient: f64,
+}
+
+/// Cuts a collection into straight pieces and hands on those that count.
+fn straight_pieces(edgels: &[Edgel], members: &mut [u32], detection: &Detection, found: &mut impl FnMut(Fit)) {
+    if (members.len() as f64) < detection.least_density * detection.least_length {
+        return;
+    }
+    let Some(fit) = Fit::to(edgels, members) else { return };
+    let length = fit.to - fit.from;
+    if length < detection.least_length {
+        return;
+    }
+    if fit.scatter <= detection.largest_scatter {
+        if fit.count as f64 >= detection.least_density * length {
+            found(fit);
+        }
+        return;
+    }
+    let along = |index: &u32| fit.along_of(&edgels[*index as usize]);
+    members.sort_unstable_by(|a, b| along(a).total_cmp(&along(b)));
+    let worst = members.iter().enumerate().map(|(k, index)| (k, fit.across_of(&edgels[*index as usize]).abs()));
+    let margin = members.len() / 8;
+    let cut = worst
+        .skip(margin)
+        .take(members.len() - 2 * margin)
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or(members.len() / 2, |(k, _)| k);
+    let (left, right) = members.split_at_mut(cut.clamp(1, members.len() - 1));
+    straight_pieces(edgels, left, detection, found);
+    straight_pieces(edgels, right, detection, found);
+}
+
+impl Fit {
+    /// Total least squares: through the centroid along the principal axis, directed with the bright side left.
+    fn to(edgels: &[Edgel], members: &[u32]) -> Option<Self> {
+        let of = |index: &u32| &edgels[*index as usize];
+        let count = members.len();
+        let n = count as f64;
+        let (mut sum, mut normal, mut gradient) = (Vector2::zeros(), Vector2::zeros(), 0.0);
+        for e in members.iter().map(of) {
+            sum += Vector2::new(f64::from(e.x), f64::from(e.y));
+            normal += Vector2::new(f64::from(e.normal[0]), f64::from(e.normal[1]));
+            gradient += f64::from(e.gradient);
+        }
+        let centre = sum / n;
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for e in members.iter().map(of) {
+            let (dx, dy) = (f64::from(e.x) - centre.x, f64::from(e.y) - centre.y);
+            xx += dx * dx;
+            xy += dx * dy;
+            yy += dy * dy;
+        }
+        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+        let mut along = Vector2::new(angle.cos(), angle.sin());
+        // the bright side: the gradient (a, b) belongs to the direction (-b, a)
+        if along.x * -normal.y + along.y * normal.x < 0.0 {
+            along = -along;
+        }
+        let mut fit = Self { centre, along, from: f64::MAX, to: f64::MIN, scatter: 0.0, count, gradient: gradient / n };
+        let mut squares = 0.0;
+        for e in members.iter().map(of) {
+            let u = fit.along_of(e);
+            (fit.from, fit.to) = (fit.from.min(u), fit.to.max(u));
+            squares += fit.across_of(e).powi(2);
+        }
+        fit.scatter = (squares / (n - 2.0).max(1.0)).sqrt();
+        (fit.to > fit.from).then_some(fit)
+    }
+
+    fn along_of(&self, e: &Edgel) -> f64 {
+        (f64::from(e.x) - self.centre.x) * self.along.x + (f64::from(e.y) - self.centre.y) * self.along.y
+    }
+
+    fn across_of(&self, e: &Edgel) -> f64 {
+        (f64::from(e.y) - self.centre.y) * self.along.x - (f64::from(e.x) - self.centre.x) * self.along.y
+    }
+
+    /// The segment in pixels of the file, with its covariance: `sigma²/l [[4, -2], [-2, 4]]` for l edge pixels that
+    /// are independent (method 1.3).
+    fn in_file(&self, window: &GreyWindow) -> LineSegment {
+        let cell_px = f64::from(window.reduction);
+        let origin = Vector2::new(f64::from(window.origin_px[0]), f64::from(window.origin_px[1]));
+        let at = |u: f64| origin + cell_px * (self.centre + u * self.along);
+        let sigma_px = self.scatter.max(LEAST_EDGEL_SIGMA) * cell_px;
+        let variance = sigma_px.powi(2) * CORRELATED_EDGELS / self.count as f64;
+        LineSegment {
+            segment: Segment2 { start: at(self.from), end: at(self.to) },
+            covariance_across: Matrix2::new(4.0, -2.0, -2.0, 4.0) * variance,
+            gradient: self.gradient / cell_px,
+            reduction: window.reduction,
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Collecting the line segments of every control point anew under an orientation, and adjusting with them, until the
+//! two agree: the step from located points to adjusted lines (Förstner and Läbe, end of step 2 and step 3).
+
+use nalgebra::Vector2;
+
+use super::adjust::{Adjustment, Building, Model};
+use super::extract::Extraction;
+use super::matching::{Nearness, matches};
+use super::predict::{Prediction, edges_px};
+use super::search::{Round, Scale, Search};
+use crate::features::PictureError;
+use crate::geometry::Segment2;
+
+/// A round of collecting: how the buildings are located, and what their edges then accept.
+#[derive(Debug, Clone, Copy)]
+struct Collection {
+    round: Round,
+    nearness: Nearness,
+}
+
+const COLLECTIONS: [Collection; 5] = [
+    collection(3.0, 4.0, 0.07, 5.0, 0.06),
+    collection(2.0, 3.0, 0.06, 4.0, 0.05),
+    collection(2.0, 2.0, 0.05, 3.0, 0.05),
+    collection(2.0, 2.0, 0.05, 3.0, 0.05),
+    collection(2.0, 2.0, 0.05, 3.0, 0.05),
+];
+
+const fn collection(cell_px: f64, sigma_px: f64, shift_rad: f64, distance_px: f64, edge_rad: f64) -> Collection {
+    Collection {
+        round: Round { scale: Scale { cell_px, sigma_px }, direction_tolerance_rad: shift_rad },
+        nearness: Nearness { distance_px, direction_tolerance_rad: edge_rad },
+    }
+}
+
+/// The adjustment with all line segments that belong to the control points under a prediction and those that follow
+/// from it; `None` if too little is found to determine an orientation.
+///
+/// # Errors
+/// [`PictureError`] if the picture cannot be read where control points are expected.
+pub fn adjust_with_lines(
+    search: &Search,
+    start: &Prediction,
+    extraction: &mut Extraction,
+) -> Result<Option<Adjustment>, PictureError> {
+    let mut prediction = start.clone();
+    let mut adjustment = None;
+    for collection in COLLECTIONS {
+        let buildings = collect(search, &prediction, extraction, collection)?;
+        let model = Model {
+            camera: search.camera,
+            control: search.control,
+            observed: extraction.segments(),
+            prior: search.prior,
+        };
+        let Some(adjusted) = model.adjust(buildings, &prediction.orientation) else { return Ok(None) };
+        let inflation = adjusted.sigma0().max(1.0).powi(2);
+        prediction =
+            Prediction { orientation: adjusted.orientation, covariance: adjusted.covariance * inflation };
+        adjustment = Some(adjusted);
+    }
+    Ok(adjustment)
+}
+
+/// The buildings that are found where they are predicted, each with the pieces of its edges.
+fn collect(
+    search: &Search,
+    prediction: &Prediction,
+    extraction: &mut Extraction,
+    collection: Collection,
+) -> Result<Vec<Building>, PictureError> {
+    let located = search.locate_where_predicted(prediction, extraction, collection.round)?;
+    let mut buildings = Vec::new();
+    for found in located {
+        let control_point = &search.control[found.control_point];
+        let c = search.camera.principal_distance_px;
+        let Some(predicted) = prediction.orientation.reduced_px(c, control_point.reference_m) else { continue };
+        let shift = found.at_px - predicted;
+        let edges: Vec<Segment2> = edges_px(search.camera, &prediction.orientation, control_point, true)
+            .into_iter()
+            .map(|e| Segment2 { start: e.start + shift, end: e.end + shift })
+            .collect();
+        let matches = matches(&edges, extraction.segments(), &collection.nearness);
+        if !matches.is_empty() {
+            buildings.push(Building { control_point: found.control_point, matches, shift_px: Vector2::zeros() });
+        }
+    }
+    Ok(buildings)
+}

@@ -1,0 +1,121 @@
+//! Line segments of the image where they are needed: tile by tile, each tile once, at two resolutions.
+//!
+//! Real photographs are soft: at full resolution detectors find little, at a half to a quarter of it much. So the
+//! segments are taken from a *fine* and a *coarse* level.
+
+use std::collections::HashSet;
+
+use nalgebra::{Matrix2, Vector2};
+
+use crate::features::{Detection, LineSegment, Picture, PictureError, PixelRect, line_segments};
+use crate::geometry::{Camera, Segment2};
+
+/// A line segment of the image in reduced coordinates (pixels about the principal point, free of distortion).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObservedSegment {
+    /// Its end points, reduced.
+    pub segment_px: Segment2,
+    /// Unit vector from start to end.
+    pub direction: Vector2<f64>,
+    /// Distance between the ends.
+    pub length_px: f64,
+    /// Covariance of the distances of start and end across the line.
+    pub covariance_across: Matrix2<f64>,
+    /// Whether it comes from the coarse level.
+    pub coarse: bool,
+    /// Its end points in pixels of the file.
+    pub file_px: Segment2,
+}
+
+/// Cells along a side of a tile, at the fine level.
+const TILE_CELLS: u32 = 1024;
+
+/// Edges of so many pixels can be found on the level with half the resolution without loss.
+const EDGE_FOR_REDUCTION_PX: f64 = 40.0;
+
+/// The segments of one image, growing with the regions that are asked for.
+pub struct Extraction<'a> {
+    picture: &'a dyn Picture,
+    camera: &'a Camera,
+    detection: Detection,
+    fine_reduction: u32,
+    tiles_done: HashSet<[u32; 2]>,
+    segments: Vec<ObservedSegment>,
+}
+
+impl<'a> Extraction<'a> {
+    /// Nothing is extracted yet. `edge_px` is the typical length of the edges that are looked for: where they are
+    /// long, the finest level is left out.
+    #[must_use]
+    pub fn new(picture: &'a dyn Picture, camera: &'a Camera, edge_px: f64) -> Self {
+        let fine_reduction = if edge_px >= EDGE_FOR_REDUCTION_PX { 2 } else { 1 };
+        Self {
+            picture,
+            camera,
+            detection: Detection::default(),
+            fine_reduction,
+            tiles_done: HashSet::new(),
+            segments: Vec::new(),
+        }
+    }
+
+    /// Extracts the tiles that touch a rectangle given in pixels of the file (it may reach out of the picture).
+    ///
+    /// # Errors
+    /// [`PictureError`] if the picture cannot be read there.
+    pub fn cover(&mut self, least_px: Vector2<f64>, largest_px: Vector2<f64>) -> Result<(), PictureError> {
+        let tile_px = f64::from(TILE_CELLS * self.fine_reduction);
+        let [width, height] = self.picture.size_px();
+        let tiles = |least: f64, largest: f64, size: u32| {
+            let last = (f64::from(size) - 1.0).max(0.0);
+            let index = |v: f64| (v.clamp(0.0, last) / tile_px) as u32;
+            if largest < 0.0 || least > last { 1..=0 } else { index(least)..=index(largest) }
+        };
+        for row in tiles(least_px.y, largest_px.y, height) {
+            for column in tiles(least_px.x, largest_px.x, width) {
+                if self.tiles_done.insert([column, row]) {
+                    self.extract_tile(column, row)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// All segments so far.
+    #[must_use]
+    pub fn segments(&self) -> &[ObservedSegment] {
+        &self.segments
+    }
+
+    /// Pixels of the file along a side of a cell of the fine level.
+    #[must_use]
+    pub fn fine_reduction(&self) -> u32 {
+        self.fine_reduction
+    }
+
+    fn extract_tile(&mut self, column: u32, row: u32) -> Result<(), PictureError> {
+        let side = TILE_CELLS * self.fine_reduction;
+        let rect = PixelRect { x: column * side, y: row * side, width: side, height: side };
+        for reduction in [self.fine_reduction, 2 * self.fine_reduction] {
+            let window = self.picture.window(rect, reduction)?;
+            let found = line_segments(&window, &self.detection);
+            let coarse = reduction != self.fine_reduction;
+            self.segments.extend(found.iter().filter_map(|line| observed(self.camera, line, coarse)));
+        }
+        Ok(())
+    }
+}
+
+/// The segment with its lens distortion removed; `None` where that is impossible.
+fn observed(camera: &Camera, line: &LineSegment, coarse: bool) -> Option<ObservedSegment> {
+    let reduced = |p| camera.reduced_from_pixel(p);
+    let segment_px = Segment2 { start: reduced(line.segment.start)?, end: reduced(line.segment.end)? };
+    Some(ObservedSegment {
+        segment_px,
+        direction: segment_px.direction(),
+        length_px: segment_px.length(),
+        covariance_across: line.covariance_across,
+        coarse,
+        file_px: line.segment,
+    })
+}

@@ -1,0 +1,235 @@
+//! Where in the image is a control point? Probabilistic clustering (method 1.2, after Sester and Förstner 1989).
+//!
+//! Under an approximate orientation the edges of a control point are known but for a shift. Every pair of a model
+//! edge and a parallel image segment says which shifts would lay the edge on the segment. For each edge and each
+//! shift the share of the edge that segments cover is collected; how telling such a share is, is read from its own
+//! distribution over all shifts of the window: where lines are everywhere, a covered edge means little. The sum of
+//! the logarithms of these likelihood ratios over the edges is the map whose peaks are candidates.
+
+use nalgebra::Vector2;
+
+use super::extract::ObservedSegment;
+use crate::geometry::Segment2;
+
+/// How the shifts are searched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clustering {
+    /// Shifts up to so far in x and y are examined.
+    pub half_width_px: f64,
+    /// Side of a cell of shifts.
+    pub cell_px: f64,
+    /// Largest angle between a model edge and a segment that may be its image.
+    pub direction_tolerance_rad: f64,
+    /// Use the segments of the fine level beside the coarse ones.
+    pub fine: bool,
+}
+
+/// A candidate for the place of a control point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Peak {
+    /// The reference point there, in reduced pixels.
+    pub at_px: Vector2<f64>,
+    /// Logarithm of the likelihood ratio: the control point is here, against it is anywhere else in the window.
+    pub log_likelihood: f64,
+}
+
+/// The map of shifts of one control point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShiftMap {
+    /// The predicted reference point, reduced: shift zero.
+    pub predicted_px: Vector2<f64>,
+    /// Side of a cell.
+    pub cell_px: f64,
+    /// Cells along a side; odd, the middle one is shift zero.
+    pub size: usize,
+    /// Logarithms of likelihood ratios, row by row.
+    pub values: Vec<f32>,
+}
+
+/// Model edges shorter than this are left out: a corner of noise would cover them.
+const SHORTEST_EDGE_PX: f64 = 20.0;
+/// Share of the edges of a control point that leave a segment in the image: 50 to 70 % were measured on real
+/// photographs (`../shared/bench/README.md` and our detector), less where the control has grown old.
+const SHARE_SEEN: f64 = 0.5;
+/// Steps of the share of an edge that is covered.
+const COVERAGE_STEPS: usize = 16;
+/// A seen edge is covered by at least so many of these steps; above that, evenly distributed.
+const LEAST_SEEN_STEPS: usize = 4;
+/// No single edge may say more than this.
+const MOST_LOG_LIKELIHOOD: f32 = 4.0;
+/// Weight of a cell beside the one that a segment votes for.
+const BESIDE: f32 = 0.6;
+
+/// Votes of all edges for all shifts.
+///
+/// `edges_px` are the projected edges, `predicted_px` the projected reference point, both reduced.
+#[must_use]
+pub fn shift_map(
+    edges_px: &[Segment2],
+    predicted_px: Vector2<f64>,
+    observed: &[ObservedSegment],
+    clustering: &Clustering,
+) -> ShiftMap {
+    let half = (clustering.half_width_px / clustering.cell_px).ceil().max(1.0) as usize;
+    let size = 2 * half + 1;
+    let mut map =
+        ShiftMap { predicted_px, cell_px: clustering.cell_px, size, values: vec![0.0; size * size] };
+    let mut layers = Layers { coarse: vec![0.0; size * size], fine: vec![0.0; size * size] };
+    let reach = edges_px.iter().map(|e| (e.start - predicted_px).norm().max((e.end - predicted_px).norm()));
+    let reach = reach.fold(0.0, f64::max) + clustering.half_width_px;
+    let near: Vec<&ObservedSegment> = observed
+        .iter()
+        .filter(|s| s.coarse || clustering.fine)
+        .filter(|s| {
+            let from = s.segment_px.midpoint() - predicted_px;
+            from.x.abs().max(from.y.abs()) < reach + s.length_px / 2.0
+        })
+        .collect();
+    let least_cosine = clustering.direction_tolerance_rad.cos();
+    for edge in edges_px.iter().filter(|e| e.length() >= SHORTEST_EDGE_PX) {
+        let along = edge.direction();
+        layers.coarse.fill(0.0);
+        layers.fine.fill(0.0);
+        for segment in near.iter().filter(|s| s.direction.dot(&along).abs() >= least_cosine) {
+            let layer = if segment.coarse { &mut layers.coarse } else { &mut layers.fine };
+            vote(edge, segment, &map, layer);
+        }
+        map.add(&layers, edge.length());
+    }
+    map
+}
+
+struct Layers {
+    coarse: Vec<f32>,
+    fine: Vec<f32>,
+}
+
+/// Adds to each cell the length of the edge that the segment covers under that shift.
+fn vote(edge: &Segment2, segment: &ObservedSegment, map: &ShiftMap, layer: &mut [f32]) {
+    let edge_length = edge.length();
+    let (shorter, longer) =
+        if edge_length < segment.length_px { (edge_length, segment.length_px) } else { (segment.length_px, edge_length) };
+    let reach = (longer + shorter) / 2.0;
+    let middle = (map.size / 2) as f64;
+    let shift = (segment.segment_px.midpoint() - edge.midpoint()) / map.cell_px;
+    let along = segment.direction;
+    // one cell for every column (or row) that the band of shifts crosses, and its two neighbours across
+    let by_column = along.x.abs() >= along.y.abs();
+    let (major, minor, slope, cosine) = if by_column {
+        (shift.x, shift.y, along.y / along.x, along.x.abs())
+    } else {
+        (shift.y, shift.x, along.x / along.y, along.y.abs())
+    };
+    let span = reach / map.cell_px * cosine;
+    let last = map.size as f64 - 1.0;
+    let first_step = (major - span + middle).ceil().max(0.0);
+    let last_step = (major + span + middle).floor().min(last);
+    if first_step > last_step {
+        return;
+    }
+    for step in first_step as usize..=last_step as usize {
+        let from = step as f64 - middle - major;
+        let distance = from.abs() / cosine * map.cell_px;
+        let overlap = shorter.min(reach - distance) as f32;
+        let place = (minor + from * slope + middle).round();
+        if place < 1.0 || place > last - 1.0 {
+            continue;
+        }
+        let place = place as usize;
+        let (cell, stride) =
+            if by_column { (place * map.size + step, map.size) } else { (step * map.size + place, 1) };
+        layer[cell] += overlap;
+        layer[cell - stride] += BESIDE * overlap;
+        layer[cell + stride] += BESIDE * overlap;
+    }
+}
+
+impl ShiftMap {
+    /// Adds what the covered share of one edge says of each shift.
+    fn add(&mut self, layers: &Layers, edge_length_px: f64) {
+        let to_step = COVERAGE_STEPS as f32 / edge_length_px as f32;
+        let step = |(coarse, fine): (&f32, &f32)| ((coarse.max(*fine) * to_step) as usize).min(COVERAGE_STEPS - 1);
+        let mut counts = [1.0_f64; COVERAGE_STEPS];
+        for pair in layers.coarse.iter().zip(&layers.fine) {
+            counts[step(pair)] += 1.0;
+        }
+        let total: f64 = counts.iter().sum();
+        let seen = 1.0 / (COVERAGE_STEPS - LEAST_SEEN_STEPS) as f64;
+        let ratio = std::array::from_fn::<f32, COVERAGE_STEPS, _>(|k| {
+            let by_chance = counts[k] / total;
+            let if_seen = if k < LEAST_SEEN_STEPS { 0.0 } else { seen };
+            ((1.0 - SHARE_SEEN + SHARE_SEEN * if_seen / by_chance).ln() as f32).min(MOST_LOG_LIKELIHOOD)
+        });
+        for (value, pair) in self.values.iter_mut().zip(layers.coarse.iter().zip(&layers.fine)) {
+            *value += ratio[step(pair)];
+        }
+    }
+
+    /// The highest local maxima above zero, best first.
+    #[must_use]
+    pub fn peaks(&self, most: usize) -> Vec<Peak> {
+        let smooth = self.smoothed();
+        let n = self.size;
+        let mut peaks: Vec<Peak> = Vec::new();
+        for row in 1..n.saturating_sub(1) {
+            for column in 1..n - 1 {
+                let here = smooth[row * n + column];
+                if here <= 0.0 || !is_maximum(&smooth, n, row, column) {
+                    continue;
+                }
+                let at = |r: usize, c: usize| f64::from(smooth[r * n + c]);
+                let dx = vertex(at(row, column - 1), at(row, column), at(row, column + 1));
+                let dy = vertex(at(row - 1, column), at(row, column), at(row + 1, column));
+                peaks.push(Peak {
+                    at_px: self.predicted_px + self.shift_px(column as f64 + dx, row as f64 + dy),
+                    log_likelihood: f64::from(here),
+                });
+            }
+        }
+        peaks.sort_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
+        peaks.truncate(most);
+        peaks
+    }
+
+    fn shift_px(&self, column: f64, row: f64) -> Vector2<f64> {
+        let middle = (self.size / 2) as f64;
+        Vector2::new(column - middle, row - middle) * self.cell_px
+    }
+
+    /// Mean of each cell with its eight neighbours, weighted 1 2 1 each way: a control point's edges need not agree
+    /// to the cell.
+    fn smoothed(&self) -> Vec<f32> {
+        let n = self.size;
+        let mut rows = self.values.clone();
+        for (source, target) in self.values.chunks_exact(n).zip(rows.chunks_exact_mut(n)) {
+            for (out, near) in target[1..n - 1].iter_mut().zip(source.windows(3)) {
+                *out = 0.25 * (near[0] + near[2]) + 0.5 * near[1];
+            }
+        }
+        let mut result = rows.clone();
+        for row in 1..n - 1 {
+            for column in 0..n {
+                let at = |r: usize| rows[r * n + column];
+                result[row * n + column] = 0.25 * (at(row - 1) + at(row + 1)) + 0.5 * at(row);
+            }
+        }
+        result
+    }
+}
+
+fn is_maximum(values: &[f32], n: usize, row: usize, column: usize) -> bool {
+    let here = values[row * n + column];
+    (row - 1..=row + 1).all(|r| {
+        (column - 1..=column + 1).all(|c| {
+            // on a plateau the last cell is the maximum
+            let other = values[r * n + c];
+            if (r, c) > (row, column) { here > other } else { here >= other }
+        })
+    })
+}
+
+/// Place of the maximum of the parabola through three values at -1, 0, 1.
+fn vertex(before: f64, here: f64, after: f64) -> f64 {
+    let curvature = before - 2.0 * here + after;
+    if curvature < -1e-9 { (0.5 * (before - after) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
+}
