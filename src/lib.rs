@@ -17,7 +17,13 @@ pub mod pipeline;
 
 pub mod imagery;
 
+pub mod control;
+
 pub mod store;
+
+pub mod report;
+
+pub mod jobs;
 
 pub mod configuration;
 

@@ -1,3 +1,270 @@
-//! The queue and the workers.
+//! The queue and the workers: an orientation that was accepted comes to its end, once, whatever happens in between.
+//!
+//! The row of an orientation is the truth (`store::orientations`). A worker that begins an attempt gets a lease; only
+//! its holder may write a result, so a late or doubled attempt changes nothing. What was running when the process died
+//! waits again after the next start, but not for ever: an orientation that has taken the process down with it three
+//! times is given up.
 
+mod attempt;
+mod queue;
 pub mod request;
+#[cfg(test)]
+mod tests;
+
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::broadcast;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use uuid::Uuid;
+
+pub use attempt::{AttemptError, oriented};
+
+use crate::control::near::Reach;
+use crate::features::Picture;
+use crate::imagery::Limits;
+use crate::orientation::ControlPoint;
+use crate::pipeline::{Fault, Observer, Outcome, Task};
+use crate::store::orientations::{self, NewOrientation, Orientation, Status};
+use crate::store::{Store, StoreError};
+use attempt::Signal;
+use queue::{Handler, Queue};
+
+/// What is run for each image: [`crate::pipeline::orient`], or something simpler in tests.
+pub type Orient =
+    Arc<dyn Fn(&dyn Picture, &[ControlPoint], &Task, &dyn Observer) -> Result<Outcome, Fault> + Send + Sync>;
+
+/// Changes that a slow listener may be behind by before it misses some.
+const CHANGES_KEPT: usize = 1024;
+const TIDY_INTERVAL: Duration = Duration::from_secs(600);
+
+/// Bounds on the work.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Images oriented at a time.
+    pub workers: usize,
+    /// Orientations that may wait.
+    pub queue_max: u32,
+    /// How often an orientation is tried.
+    pub max_attempts: u32,
+    /// How long one attempt may take.
+    pub timeout: Duration,
+    /// What is read of pictures.
+    pub limits: Limits,
+    /// How far control points are looked for.
+    pub reach: Reach,
+}
+
+/// Something has happened to an orientation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Change {
+    /// Which one.
+    pub id: Uuid,
+    /// How far it is.
+    pub status: Status,
+    /// The stage it has come to, if it is running.
+    pub stage: Option<&'static str>,
+    /// 0 to 1.
+    pub progress: f64,
+}
+
+/// Why an orientation was not accepted.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SubmitError {
+    /// Too many are waiting.
+    #[error("{queue_max} orientations are waiting already")]
+    QueueFull {
+        /// How many may wait.
+        queue_max: u32,
+    },
+    /// The database refused.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+/// The jobs. Cheap to clone.
+#[derive(Clone)]
+pub struct Jobs(Arc<Inner>);
+
+struct Inner {
+    store: Store,
+    settings: Settings,
+    orient: Orient,
+    queue: Queue,
+    changes: broadcast::Sender<Change>,
+    running: Mutex<HashMap<Uuid, Arc<Signal>>>,
+    stopping: CancellationToken,
+}
+
+impl fmt::Debug for Jobs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Jobs").field("settings", &self.0.settings).finish_non_exhaustive()
+    }
+}
+
+impl Jobs {
+    /// The jobs over a store. Nothing runs before [`Self::run`].
+    #[must_use]
+    pub fn new(store: Store, settings: Settings, orient: Orient) -> Self {
+        let queue = Queue::new(store.pool().clone());
+        let (changes, _) = broadcast::channel(CHANGES_KEPT);
+        let (running, stopping) = (Mutex::default(), CancellationToken::new());
+        Self(Arc::new(Inner { store, settings, orient, queue, changes, running, stopping }))
+    }
+
+    /// Makes the tables of the queue, and takes up again what a former process has left.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn prepare(&self) -> Result<(), StoreError> {
+        self.0.queue.migrate().await?;
+        let mut transaction = self.0.store.begin_write().await?;
+        self.0.queue.clear(&mut transaction).await?;
+        let waiting = orientations::recover(&mut transaction).await?;
+        for id in &waiting {
+            self.0.queue.push(&mut transaction, *id).await?;
+        }
+        transaction.commit().await?;
+        if !waiting.is_empty() {
+            tracing::info!(orientations = waiting.len(), "took up what was waiting");
+        }
+        self.0.gauge_queue(waiting.len());
+        Ok(())
+    }
+
+    /// Works until `stop`. Then attempts under way are interrupted, and wait again for the next start.
+    pub async fn run(&self, stop: CancellationToken) {
+        // attempts are tasks of their own: the queue may drop what it has handed out when it ends
+        let attempts = TaskTracker::new();
+        let (inner, spawner) = (self.0.clone(), attempts.clone());
+        let handler = Handler::new(move |id| {
+            let attempt = spawner.spawn(inner.clone().attempt(id));
+            Box::pin(async move {
+                if let Err(error) = attempt.await {
+                    tracing::error!(%id, %error, "an attempt has panicked");
+                }
+            })
+        });
+        let interrupt = async {
+            stop.cancelled().await;
+            self.0.stopping.cancel();
+            for signal in self.0.running().values() {
+                signal.interrupt();
+            }
+        };
+        let deliver = self.0.queue.deliver(self.0.settings.workers, handler, stop.clone());
+        tokio::select! {
+            ((), ()) = async { tokio::join!(deliver, interrupt) } => {}
+            () = self.tidy() => {}
+        }
+        attempts.close();
+        attempts.wait().await;
+    }
+
+    async fn tidy(&self) {
+        loop {
+            tokio::time::sleep(TIDY_INTERVAL).await;
+            if let Err(error) = self.0.queue.forget_done().await {
+                tracing::warn!(%error, "the queue could not be tidied");
+            }
+        }
+    }
+
+    /// Accepts an orientation: when this returns, it will come to its end.
+    ///
+    /// # Errors
+    /// [`SubmitError`]; then nothing was accepted.
+    pub async fn submit(&self, new: &NewOrientation) -> Result<(), SubmitError> {
+        let mut transaction = self.0.store.begin_write().await?;
+        let waiting = orientations::queued(&mut transaction).await?;
+        let queue_max = self.0.settings.queue_max;
+        // the second try of a request that was accepted already is no new one
+        if orientations::insert(&mut transaction, new).await? {
+            if waiting >= queue_max {
+                return Err(SubmitError::QueueFull { queue_max });
+            }
+            self.0.queue.push(&mut transaction, new.id).await?;
+            transaction.commit().await.map_err(StoreError::from)?;
+            self.0.queue.announce();
+            self.0.gauge_queue(waiting as usize + 1);
+        }
+        Ok(())
+    }
+
+    /// Cancels an orientation that has not ended; `false` if it has, or if there is none.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn cancel(&self, id: Uuid) -> Result<bool, StoreError> {
+        let cancelled = self.0.store.cancel(id).await?;
+        if cancelled {
+            if let Some(signal) = self.0.running().get(&id) {
+                signal.interrupt();
+            }
+            self.0.ended(id, Status::Cancelled, None);
+        }
+        Ok(cancelled)
+    }
+
+    /// What happens from now on, to all orientations.
+    #[must_use]
+    pub fn subscribe(&self) -> broadcast::Receiver<Change> {
+        self.0.changes.subscribe()
+    }
+
+    /// The orientation, as soon as it has ended, or as it stands after `patience` or when the service ends.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn wait(&self, id: Uuid, patience: Duration) -> Result<Option<Orientation>, StoreError> {
+        // first listen, then look: nothing can happen unnoticed in between
+        let mut changes = self.subscribe();
+        let now = self.0.store.orientation(id).await?;
+        if now.as_ref().is_none_or(|orientation| orientation.status.is_final()) {
+            return Ok(now);
+        }
+        let ended = async {
+            loop {
+                match changes.recv().await {
+                    Ok(change) if change.id == id && change.status.is_final() => return,
+                    Ok(_) => {}
+                    // some were missed: look
+                    Err(_) => return,
+                }
+            }
+        };
+        tokio::select! {
+            () = ended => {}
+            () = tokio::time::sleep(patience) => {}
+            () = self.0.stopping.cancelled() => {}
+        }
+        self.0.store.orientation(id).await
+    }
+
+    /// Cancelled when the service begins to end.
+    #[must_use]
+    pub fn stopping(&self) -> &CancellationToken {
+        &self.0.stopping
+    }
+}
+
+impl Inner {
+    fn running(&self) -> MutexGuard<'_, HashMap<Uuid, Arc<Signal>>> {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn ended(&self, id: Uuid, status: Status, verdict: Option<&str>) {
+        // nobody may be listening
+        let _ = self.changes.send(Change { id, status, stage: None, progress: 1.0 });
+        let verdict = verdict.unwrap_or("none").to_owned();
+        metrics::counter!("gable_orientations_total", "status" => status.name(), "verdict" => verdict).increment(1);
+    }
+
+    fn gauge_queue(&self, waiting: usize) {
+        metrics::gauge!("gable_queue_depth").set(waiting as f64);
+    }
+}

@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 pub use approximation::{ApproximationRequest, NUMBERS_ASSUMED};
 
 use crate::geometry::{Camera, Crs, CrsError, ExteriorOrientation, LocalFrame, rotation};
+use crate::imagery::{ExifHeading, ExifPosition, Probe};
 use crate::pipeline::{Approximation, Task, Tolerance};
 use crate::report::{ApproximationUsed, Output, Vertical, Warning};
 
@@ -66,12 +67,16 @@ pub enum ControlKind {
 pub struct ImageFacts {
     /// Columns and rows.
     pub size_px: [u32; 2],
-    /// Where it was taken: longitude, latitude, and the height above the geoid if there is one.
-    pub position: Option<([f64; 2], Option<f64>)>,
-    /// Horizontal and vertical standard deviations of that position, where the file states them.
-    pub position_sigma_m: Option<[f64; 2]>,
-    /// The direction of the image's top, clockwise from true north.
-    pub heading_deg: Option<f64>,
+    /// Where it was taken.
+    pub position: Option<ExifPosition>,
+    /// Where its top points.
+    pub heading: Option<ExifHeading>,
+}
+
+impl From<&Probe> for ImageFacts {
+    fn from(probe: &Probe) -> Self {
+        Self { size_px: [probe.width_px, probe.height_px], position: probe.position, heading: probe.heading }
+    }
 }
 
 /// A field of the request that is at fault.

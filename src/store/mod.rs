@@ -8,6 +8,7 @@ pub mod cameras;
 pub mod idempotency;
 pub mod images;
 pub mod keys;
+pub mod orientations;
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

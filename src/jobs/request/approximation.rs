@@ -14,6 +14,8 @@ pub const NUMBERS_ASSUMED: &str = "omega = phi = 0 with sigma 5 degrees; positio
 const SIGMA_POSITION_M: [f64; 3] = [15.0, 15.0, 30.0];
 const SIGMA_TILT_DEG: f64 = 5.0;
 const SIGMA_KAPPA_DEG: f64 = 15.0;
+/// However sure of itself a receiver is, its clock and the shutter do not agree better.
+const LEAST_SIGMA_EXIF_M: f64 = 1.0;
 /// The geoid is about so far from the ellipsoid, root mean square over the earth.
 const GEOID_RMS_M: f64 = 30.0;
 
@@ -119,17 +121,17 @@ impl ApproximationRequest {
 
     fn exif_position(&self, image: &ImageFacts, faults: &mut Faults, warnings: &mut Vec<Warning>) -> Option<Placed> {
         let pointer = "/approximation/position";
-        let Some(([longitude_deg, latitude_deg], height_m)) = image.position else {
+        let Some(exif) = image.position else {
             faults
                 .add(pointer, "the image file says nothing about its position; give the approximate projection centre");
             return None;
         };
-        let Some(height_m) = height_m else {
+        let Some(altitude_m) = exif.altitude_m else {
             let detail = "the image file knows its position, but no altitude; give the approximate projection centre";
             faults.add(pointer, detail);
             return None;
         };
-        let coordinates = [longitude_deg, latitude_deg, height_m];
+        let coordinates = [exif.longitude_deg, exif.latitude_deg, altitude_m];
         let undulation_m = self.vertical.map(|vertical| vertical.geoid_undulation_m);
         let on_earth = Crs::parse("EPSG:4979").and_then(|crs| crs.geocentric_from_position(coordinates, undulation_m));
         if let Err(error) = on_earth {
@@ -141,8 +143,9 @@ impl ApproximationRequest {
             }
             return None;
         }
-        let [sigma_plan_m, sigma_height_m] =
-            image.position_sigma_m.unwrap_or([SIGMA_POSITION_M[0], SIGMA_POSITION_M[2]]);
+        let sigma_plan_m =
+            exif.horizontal_error_m.map_or(SIGMA_POSITION_M[0], |error_m| error_m.max(LEAST_SIGMA_EXIF_M));
+        let sigma_height_m = SIGMA_POSITION_M[2];
         let sigma_up_m = match self.vertical {
             Some(_) => sigma_height_m,
             None => {
@@ -188,13 +191,13 @@ impl ApproximationRequest {
     fn kappa(&self, image: &ImageFacts, faults: &mut Faults) -> Option<(Option<f64>, Option<f64>, Origin)> {
         let sigma = within(self.sigma_kappa_deg.unwrap_or(SIGMA_KAPPA_DEG), 0.001, 180.0, "degrees");
         let sigma = faults.check("/approximation/sigma_kappa_deg", sigma)?;
-        match (self.kappa_deg, image.heading_deg) {
+        match (self.kappa_deg, image.heading) {
             (Some(kappa), _) => {
                 let kappa = faults.check("/approximation/kappa_deg", within(kappa, -360.0, 360.0, "degrees"))?;
                 Some((Some(kappa), Some(sigma), Origin::Request))
             }
             // a heading turns clockwise, kappa counter-clockwise
-            (None, Some(heading)) => Some((Some(half_circle(-heading)), Some(sigma), Origin::Exif)),
+            (None, Some(heading)) => Some((Some(half_circle(-heading.heading_deg)), Some(sigma), Origin::Exif)),
             (None, None) if self.sigma_kappa_deg.is_some() => {
                 let detail =
                     "kappa_deg is not given and the image file has no heading, so there is nothing to be sure of";

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::*;
 use crate::geometry::Brown;
+use crate::imagery::North;
 use crate::report::Origin;
 
 fn camera() -> Camera {
@@ -15,7 +16,10 @@ fn bare() -> ImageFacts {
 }
 
 fn with_exif() -> ImageFacts {
-    ImageFacts { position: Some(([-98.09, 30.16], Some(317.3))), heading_deg: Some(200.0), ..bare() }
+    let position =
+        ExifPosition { longitude_deg: -98.09, latitude_deg: 30.16, altitude_m: Some(317.3), horizontal_error_m: None };
+    let heading = ExifHeading { heading_deg: 200.0, north: North::True };
+    ImageFacts { position: Some(position), heading: Some(heading), ..bare() }
 }
 
 fn complete() -> Value {
@@ -132,10 +136,21 @@ fn an_undulation_makes_the_exif_altitude_ellipsoidal() {
 }
 
 #[test]
+fn a_receiver_that_knows_its_error_is_believed_but_not_below_a_metre() {
+    for (error_m, sigma_m) in [(4.0, 4.0), (0.02, 1.0)] {
+        let position = with_exif().position.map(|p| ExifPosition { horizontal_error_m: Some(error_m), ..p });
+        let facts = ImageFacts { position, ..with_exif() };
+        let prepared = request(json!({"image": "0190", "camera": "c"})).prepare(&camera(), &facts).unwrap();
+        assert_eq!(prepared.approximation.sigma_position_m[..2], [sigma_m, sigma_m]);
+    }
+}
+
+#[test]
 fn without_any_position_there_is_nothing_to_begin_with() {
     let faults = request(json!({"image": "0190", "camera": "c"})).prepare(&camera(), &bare()).unwrap_err();
     assert_eq!(faults[0].pointer, "/approximation/position");
-    let no_altitude = ImageFacts { position: Some(([-98.09, 30.16], None)), ..bare() };
+    let position = with_exif().position.map(|position| ExifPosition { altitude_m: None, ..position });
+    let no_altitude = ImageFacts { position, ..bare() };
     let faults = request(json!({"image": "0190", "camera": "c"})).prepare(&camera(), &no_altitude).unwrap_err();
     assert!(faults[0].detail.contains("altitude"), "{}", faults[0].detail);
 }
