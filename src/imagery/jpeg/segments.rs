@@ -122,6 +122,7 @@ pub(in crate::imagery) fn walk_scans(bytes: &[u8], header: &Header) -> Result<Sc
     };
     let mut at = header.first_scan as usize;
     let mut scans = Scans { count: 0, end: 0 };
+    let mut components = 0;
     loop {
         // Fill bytes before a marker are allowed.
         while bytes.get(at) == Some(&0xFF) && bytes.get(at + 1) == Some(&0xFF) {
@@ -131,13 +132,18 @@ pub(in crate::imagery) fn walk_scans(bytes: &[u8], header: &Header) -> Result<Sc
             return Err(damaged(format!("no marker where one is due, at byte {at}")));
         };
         match marker {
-            0xD9 if scans.count > 0 => return Ok(scans),
-            0xC4 | 0xDA..=0xDD | 0xE0..=0xFE => {}
+            0xD9 if header.progressive || components == usize::from(header.components) => return Ok(scans),
+            0xC4 | 0xDA | 0xDB | 0xDD | 0xE0..=0xFE => {}
+            // Only a progressive JPEG has its components more than once.
+            0xD9 => {
+                return Err(damaged(format!("{components} instead of {} components in its scans", header.components)));
+            }
             _ => return Err(damaged(format!("marker FF {marker:02X} between its scans, at byte {at}"))),
         }
-        let &[l1, l0] = bytes.get(at + 2..at + 4).ok_or_else(ends_early)? else { return Err(ends_early()) };
+        let &[l1, l0, first] = bytes.get(at + 2..at + 5).ok_or_else(ends_early)? else { return Err(ends_early()) };
         at += 2 + usize::from(u16::from_be_bytes([l1, l0]));
         if marker == 0xDA {
+            components += usize::from(first);
             at = end_of_entropy_coded_data(bytes, at).ok_or_else(ends_early)?;
             scans = Scans { count: scans.count + 1, end: at };
         }
