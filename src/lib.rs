@@ -15,6 +15,8 @@ pub mod diagnosis;
 
 pub mod pipeline;
 
+pub mod simulation;
+
 pub mod imagery;
 
 pub mod control;
