@@ -1,6 +1,10 @@
 //! Control points out of GeoJSON (contract, section Control points) and back. One bad feature never loses the others.
 
+use std::collections::HashSet;
+use std::fmt;
+
 use nalgebra::Vector3;
+use serde::de::{DeserializeSeed, Deserializer, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
@@ -64,12 +68,6 @@ pub struct Parsed {
 }
 
 #[derive(Deserialize)]
-struct Collection {
-    r#type: String,
-    features: Vec<Value>,
-}
-
-#[derive(Deserialize)]
 struct Feature {
     geometry: Option<Geometry>,
     properties: Option<Properties>,
@@ -89,32 +87,104 @@ struct Properties {
     reference: Option<Vec<f64>>,
 }
 
-/// Reads a `FeatureCollection`.
+/// Reads a `FeatureCollection`, a feature at a time: a large body is never held twice.
 ///
 /// # Errors
 /// [`CollectionError`] if the body as a whole is something else.
 pub fn parse(body: &[u8], source: &Source<'_>) -> Result<Parsed, CollectionError> {
-    let value: Value = serde_json::from_slice(body).map_err(CollectionError::Syntax)?;
-    let collection: Collection =
-        serde_json::from_value(value).map_err(|e| CollectionError::NotACollection { detail: e.to_string() })?;
-    if collection.r#type != "FeatureCollection" {
-        let detail = format!("its type is {:?}", collection.r#type);
-        return Err(CollectionError::NotACollection { detail });
+    let mut reader = Reader { source, parsed: Parsed::default(), names: HashSet::new() };
+    let mut deserializer = serde_json::Deserializer::from_slice(body);
+    let read = reader.deserialize(&mut deserializer).and_then(|()| deserializer.end());
+    match read {
+        Ok(()) => Ok(reader.parsed),
+        Err(error) if error.is_data() => Err(CollectionError::NotACollection { detail: error.to_string() }),
+        Err(error) => Err(CollectionError::Syntax(error)),
     }
-    let mut parsed = Parsed::default();
-    let mut names = std::collections::HashSet::new();
-    for (index, feature) in collection.features.into_iter().enumerate() {
+}
+
+struct Reader<'a> {
+    source: &'a Source<'a>,
+    parsed: Parsed,
+    names: HashSet<String>,
+}
+
+impl Reader<'_> {
+    fn take(&mut self, index: usize, feature: Value) {
         let name = feature.pointer("/properties/name").and_then(Value::as_str).map(str::to_owned);
-        let result = control_point(feature, source).and_then(|point| match names.insert(point.name.clone()) {
-            true => Ok(point),
-            false => Err("the name occurs earlier in this collection; names are unique".to_owned()),
-        });
+        let result =
+            control_point(feature, self.source).and_then(|point| match self.names.insert(point.name.clone()) {
+                true => Ok(point),
+                false => Err("the name occurs earlier in this collection; names are unique".to_owned()),
+            });
         match result {
-            Ok(point) => parsed.control_points.push((index, point)),
-            Err(detail) => parsed.rejected.push(Rejection { index, name, detail }),
+            Ok(point) => self.parsed.control_points.push((index, point)),
+            Err(detail) => self.parsed.rejected.push(Rejection { index, name, detail }),
         }
     }
-    Ok(parsed)
+}
+
+impl<'de> DeserializeSeed<'de> for &mut Reader<'_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for &mut Reader<'_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object with type FeatureCollection and features")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        let (mut kind, mut features) = (None, false);
+        while let Some(key) = map.next_key::<String>()? {
+            match key.as_str() {
+                "type" => kind = Some(map.next_value::<String>()?),
+                "features" => {
+                    map.next_value_seed(Features(&mut *self))?;
+                    features = true;
+                }
+                _ => drop(map.next_value::<IgnoredAny>()?),
+            }
+        }
+        match kind.as_deref() {
+            Some("FeatureCollection") if features => Ok(()),
+            Some("FeatureCollection") => Err(A::Error::missing_field("features")),
+            Some(other) => Err(A::Error::custom(format_args!("its type is {other:?}"))),
+            None => Err(A::Error::missing_field("type")),
+        }
+    }
+}
+
+/// The array of features, each of which goes straight to the reader.
+struct Features<'r, 'a>(&'r mut Reader<'a>);
+
+impl<'de> DeserializeSeed<'de> for Features<'_, '_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Features<'_, '_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a list of features")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut sequence: A) -> Result<(), A::Error> {
+        let mut index = 0;
+        while let Some(feature) = sequence.next_element()? {
+            self.0.take(index, feature);
+            index += 1;
+        }
+        Ok(())
+    }
 }
 
 fn control_point(feature: Value, source: &Source<'_>) -> Result<StoredControlPoint, String> {

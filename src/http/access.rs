@@ -46,6 +46,15 @@ pub const ROUTES: &[(Method, &str, Access)] = &[
     (Method::GET, "/api/v1/images", READER),
     (Method::POST, "/api/v1/images", OPERATOR),
     (Method::GET, "/api/v1/images/{id}", READER),
+    (Method::GET, "/api/v1/control-points", READER),
+    (Method::POST, "/api/v1/control-points", OPERATOR),
+    (Method::GET, "/api/v1/control-points/{name}", READER),
+    (Method::GET, "/api/v1/orientations", READER),
+    (Method::POST, "/api/v1/orientations", OPERATOR),
+    (Method::GET, "/api/v1/orientations/{id}", READER),
+    (Method::DELETE, "/api/v1/orientations/{id}", OPERATOR),
+    (Method::GET, "/api/v1/orientations/{id}/events", READER),
+    (Method::GET, "/api/v1/orientations/{id}/overlay", READER),
 ];
 
 /// What a route asks of its caller; `None` if it is not in the table.

@@ -6,6 +6,7 @@
 
 pub mod access;
 pub mod cameras;
+pub mod control_points;
 pub mod extract;
 pub mod health;
 pub mod idempotency;
@@ -13,6 +14,7 @@ pub mod images;
 pub mod metrics;
 pub mod observe;
 pub mod openapi;
+pub mod orientations;
 pub mod page;
 pub mod problem;
 pub mod request_id;
@@ -36,7 +38,12 @@ pub use problem::Problem;
 pub use state::{AppState, Readiness};
 
 fn api() -> OpenApiRouter<AppState> {
-    let version_1 = OpenApiRouter::new().merge(cameras::routes()).merge(images::routes()).merge(openapi::routes());
+    let version_1 = OpenApiRouter::new()
+        .merge(cameras::routes())
+        .merge(images::routes())
+        .merge(control_points::routes())
+        .merge(orientations::routes())
+        .merge(openapi::routes());
     openapi::base().merge(health::routes()).merge(metrics::routes()).nest("/api/v1", version_1)
 }
 

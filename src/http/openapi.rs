@@ -30,6 +30,8 @@ const DOCUMENT: &str = "/api/v1/openapi.json";
     tags(
         (name = "cameras", description = "Interior orientations."),
         (name = "images", description = "Aerial images."),
+        (name = "control points", description = "Buildings whose roof edges are known."),
+        (name = "orientations", description = "Where images were taken, with a verdict on each answer."),
         (name = "service", description = "Health, figures, this document."),
     ),
 )]

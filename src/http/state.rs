@@ -3,8 +3,12 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use crate::configuration::Configuration;
+use crate::control::near::Reach;
+use crate::jobs::{Jobs, Orient, Settings};
+use crate::pipeline;
 use crate::store::{Store, StoreError};
 
 /// What all handlers share. Cheap to clone.
@@ -16,6 +20,8 @@ pub struct AppState {
     pub configuration: Arc<Configuration>,
     /// Whether the service can do its work.
     pub readiness: Readiness,
+    /// Orientations: accepted, worked on, followed.
+    pub jobs: Jobs,
     key_was_made: Arc<AtomicBool>,
 }
 
@@ -23,7 +29,22 @@ impl AppState {
     /// The state of a service over `store`.
     #[must_use]
     pub fn new(store: Store, configuration: Configuration) -> Self {
+        Self::with_pipeline(store, configuration, Arc::new(pipeline::orient))
+    }
+
+    /// The state of a service that orients images by another pipeline.
+    #[must_use]
+    pub fn with_pipeline(store: Store, configuration: Configuration, orient: Orient) -> Self {
+        let settings = Settings {
+            workers: configuration.worker_count(),
+            queue_max: configuration.queue_max_jobs,
+            max_attempts: configuration.job_max_attempts,
+            timeout: Duration::from_secs(configuration.job_timeout_s),
+            limits: configuration.image_limits(),
+            reach: Reach::default(),
+        };
         Self {
+            jobs: Jobs::new(store.clone(), settings, orient),
             store,
             configuration: Arc::new(configuration),
             readiness: Readiness::default(),

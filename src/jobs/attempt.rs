@@ -243,7 +243,7 @@ impl Inner {
             // ends when the watcher is dropped with the blocking task
             () = self.note(noted, lease, orientation.id) => blocking.await,
         };
-        let (result, drawing) = joined.map_err(|error| AttemptError::Panic { detail: last_words(error) })??;
+        let (result, drawing) = joined.map_err(panicked)??;
         Ok(Finished {
             verdict: result.diagnosis.verdict.to_owned(),
             result: serde_json::to_string(&result)?,
@@ -333,12 +333,14 @@ impl Inner {
     }
 }
 
-fn last_words(error: tokio::task::JoinError) -> String {
-    match error.try_into_panic() {
+/// A blocking task that has not come to its end.
+pub(super) fn panicked(error: tokio::task::JoinError) -> AttemptError {
+    let detail = match error.try_into_panic() {
         Ok(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);
             text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("of an unknown kind").to_owned()
         }
         Err(error) => error.to_string(),
-    }
+    };
+    AttemptError::Panic { detail }
 }

@@ -16,7 +16,7 @@ use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::broadcast;
+use tokio::sync::{Semaphore, broadcast};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use uuid::Uuid;
@@ -25,9 +25,10 @@ pub use attempt::{AttemptError, oriented};
 
 use crate::control::near::Reach;
 use crate::features::Picture;
-use crate::imagery::Limits;
+use crate::imagery::{ImageFile, Limits};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{Fault, Observer, Outcome, Task};
+use crate::report::overlay::{self, Drawing};
 use crate::store::orientations::{self, NewOrientation, Orientation, Status};
 use crate::store::{Store, StoreError};
 use attempt::Signal;
@@ -98,6 +99,7 @@ struct Inner {
     changes: broadcast::Sender<Change>,
     running: Mutex<HashMap<Uuid, Arc<Signal>>>,
     stopping: CancellationToken,
+    drawing: Arc<Semaphore>,
 }
 
 impl fmt::Debug for Jobs {
@@ -113,7 +115,8 @@ impl Jobs {
         let queue = Queue::new(store.pool().clone());
         let (changes, _) = broadcast::channel(CHANGES_KEPT);
         let (running, stopping) = (Mutex::default(), CancellationToken::new());
-        Self(Arc::new(Inner { store, settings, orient, queue, changes, running, stopping }))
+        let drawing = Arc::new(Semaphore::new(settings.workers));
+        Self(Arc::new(Inner { store, settings, orient, queue, changes, running, stopping, drawing }))
     }
 
     /// Makes the tables of the queue, and takes up again what a former process has left.
@@ -243,6 +246,29 @@ impl Jobs {
             () = self.0.stopping.cancelled() => {}
         }
         self.0.store.orientation(id).await
+    }
+
+    /// The overlay of an orientation that has succeeded, as a file. No more are drawn at a time than images are oriented:
+    /// each needs the whole picture.
+    ///
+    /// # Errors
+    /// [`AttemptError`] if the picture cannot be read any more.
+    pub async fn overlay(
+        &self,
+        orientation: &Orientation,
+        widest_px: u32,
+        format: overlay::Format,
+    ) -> Result<Vec<u8>, AttemptError> {
+        let image = self.0.store.image(orientation.image_id).await?.ok_or(AttemptError::Missing { what: "image" })?;
+        let drawing: Drawing = serde_json::from_str(orientation.drawing.as_deref().unwrap_or_default())?;
+        let (path, limits) = (self.0.store.image_path(&image.sha256), self.0.settings.limits.clone());
+        let permit = self.0.drawing.clone().acquire_owned().await;
+        let draw = move || {
+            let _permit = permit;
+            let picture = ImageFile::open(&path, &limits)?;
+            Ok(overlay::overlay(&picture, &drawing, widest_px, format)?)
+        };
+        tokio::task::spawn_blocking(draw).await.map_err(attempt::panicked)?
     }
 
     /// Cancelled when the service begins to end.

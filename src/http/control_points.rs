@@ -1,0 +1,290 @@
+//! Control points.
+
+use axum::body::{Body, to_bytes};
+use axum::extract::{DefaultBodyLimit, Request, State};
+use axum::http::StatusCode;
+use bytes::Bytes;
+use serde::Deserialize;
+use utoipa::IntoParams;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::extract::{Path, Query, body_problem, media_type, refuse_encoded};
+use super::page::{Page, Wanted};
+use super::problem::Problem;
+use super::state::AppState;
+use crate::control::geojson::{self, ControlPointFeature};
+use crate::control::{CollectionError, ControlError, GeodeticBox, ImportReport, Mode, Source, sqlite};
+use crate::geometry::Crs;
+
+const DEFAULT_CRS: &str = "EPSG:4979";
+
+/// The routes of the control points.
+pub fn routes() -> OpenApiRouter<AppState> {
+    // the import has a limit of its own
+    let import = OpenApiRouter::new().routes(routes!(import)).layer(DefaultBodyLimit::disable());
+    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read)).merge(import)
+}
+
+/// Where an import comes from.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ImportQuery {
+    /// The CRS of the coordinates: `EPSG:<code>` or a PROJ string.
+    #[param(example = "EPSG:25832")]
+    crs: String,
+    /// What makes the heights ellipsoidal: height above the geoid + this = ellipsoidal height.
+    geoid_undulation_m: Option<f64>,
+    /// What becomes of control points whose name is known: `insert` rejects them, `upsert` (default) updates them,
+    /// `replace` updates them and removes all others.
+    #[serde(default)]
+    #[param(inline)]
+    mode: Mode,
+}
+
+/// Which control points are wanted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ListQuery {
+    /// Only those that touch this rectangle: `min_x,min_y,max_x,max_y` in `crs`.
+    #[param(example = "16.63,52.77,16.64,52.78")]
+    bbox: Option<String>,
+    /// The CRS of `bbox` and of the answer; default: EPSG:4979. What it does not reach is left out.
+    #[param(example = "EPSG:4979")]
+    crs: Option<String>,
+    /// Gives heights above the geoid: ellipsoidal height - this.
+    geoid_undulation_m: Option<f64>,
+    /// Items on a page, from 1 to 200; 50 if left out.
+    #[param(minimum = 1, maximum = 200)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// In which CRS one control point is wanted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ReadQuery {
+    /// The CRS of the answer; default: EPSG:4979.
+    crs: Option<String>,
+    /// Gives heights above the geoid: ellipsoidal height - this.
+    geoid_undulation_m: Option<f64>,
+}
+
+/// Import control points
+///
+/// A GeoJSON `FeatureCollection`; each feature is one control point: a `MultiLineString` of segments (lines of two 3D
+/// positions), with the properties `name` (unique), `sigma_m` (standard deviation of its coordinates) and, if wanted,
+/// `reference` (`[x, y, z]`; default: the mean of the segments' midpoints). One bad feature never loses the others.
+#[utoipa::path(
+    post, path = "/control-points", operation_id = "import_control_points", tag = "control points", params(ImportQuery),
+    request_body(content(
+        (serde_json::Value = "application/geo+json"), (serde_json::Value = "application/json"),
+    )),
+    responses(
+        (status = 200, description = "What was imported, updated and rejected", body = ImportReport),
+        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "Larger than this service accepts", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Not a FeatureCollection, or an unknown CRS", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn import(
+    State(state): State<AppState>,
+    Query(query): Query<ImportQuery>,
+    request: Request,
+) -> Result<axum::Json<ImportReport>, Problem> {
+    let crs = known_crs(&query.crs, query.geoid_undulation_m)?;
+    let kind = media_type(request.headers());
+    if !matches!(kind.as_deref(), Some("application/geo+json" | "application/json")) {
+        let given = kind.as_deref().unwrap_or("none");
+        return Err(Problem::unsupported_type(format!("Content-Type is {given}; it must be application/geo+json")));
+    }
+    refuse_encoded(request.headers())?;
+    let body = whole_body(request.into_body(), state.configuration.import_max_bytes).await?;
+    let parse = move || geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });
+    let parsed = tokio::task::spawn_blocking(parse).await.map_err(|error| Problem::internal(&error))?;
+    let report = sqlite::import(state.store.pool(), parsed?, query.mode, |_| {}).await?;
+    tracing::info!(imported = report.imported, updated = report.updated, rejected = report.rejected.len(), "imported");
+    Ok(axum::Json(report))
+}
+
+async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {
+    to_bytes(body, max_bytes).await.map_err(|error| {
+        let source = std::error::Error::source(&error);
+        if source.is_some_and(|source| source.is::<http_body_util::LengthLimitError>()) {
+            return Problem::too_large(format!(
+                "The body is larger than the {max_bytes} bytes that this service accepts."
+            ));
+        }
+        body_problem(&error, StatusCode::BAD_REQUEST)
+    })
+}
+
+/// List control points
+///
+/// Each item is a GeoJSON feature, as it is imported. Without `bbox`, all of them.
+#[utoipa::path(
+    get, path = "/control-points", operation_id = "list_control_points", tag = "control points", params(ListQuery),
+    responses(
+        (status = 200, description = "One page", body = Page<ControlPointFeature>),
+        (status = 422, description = "A parameter makes no sense", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn list(
+    State(state): State<AppState>,
+    Query(query): Query<ListQuery>,
+) -> Result<axum::Json<Page<ControlPointFeature>>, Problem> {
+    let crs = known_crs(query.crs.as_deref().unwrap_or(DEFAULT_CRS), query.geoid_undulation_m)?;
+    let limit = Wanted::new(query.limit, None)?.limit as usize;
+    let rectangle = query.bbox.as_deref().map(Rectangle::parse).transpose()?;
+    let region = match &rectangle {
+        Some(rectangle) => rectangle.region(&crs)?,
+        None => GeodeticBox::EVERYWHERE,
+    };
+    let mut after = cursor(query.cursor.as_deref())?;
+    let target = Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m };
+    let mut items = Vec::new();
+    loop {
+        // one more than fits, to know whether there is a next page
+        let found = sqlite::in_box(state.store.pool(), region, after, limit + 1).await?;
+        let last = found.len() <= limit;
+        for (id, point) in found {
+            if items.len() == limit {
+                return Ok(axum::Json(Page { items, next_cursor: Some(after.to_string()) }));
+            }
+            after = id;
+            let feature = geojson::feature(&point, &target);
+            items.extend(feature.filter(|f| rectangle.as_ref().is_none_or(|rectangle| rectangle.touches(f))));
+        }
+        if last {
+            return Ok(axum::Json(Page { items, next_cursor: None }));
+        }
+    }
+}
+
+/// Show a control point
+#[utoipa::path(
+    get, path = "/control-points/{name}", operation_id = "show_control_point", tag = "control points",
+    params(("name" = String, Path, description = "Its name"), ReadQuery),
+    responses(
+        (status = 200, description = "The control point as a GeoJSON feature", body = ControlPointFeature),
+        (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn read(
+    State(state): State<AppState>,
+    Path(name): Path<String>,
+    Query(query): Query<ReadQuery>,
+) -> Result<axum::Json<ControlPointFeature>, Problem> {
+    let crs = known_crs(query.crs.as_deref().unwrap_or(DEFAULT_CRS), query.geoid_undulation_m)?;
+    let point = sqlite::by_name(state.store.pool(), &name).await?;
+    let point = point.ok_or_else(|| Problem::not_found("There is no control point of this name."))?;
+    let feature = geojson::feature(&point, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });
+    let feature =
+        feature.ok_or_else(|| Problem::invalid_field("?crs", format!("the control point does not lie in {crs}")));
+    Ok(axum::Json(feature?))
+}
+
+/// A CRS that is known, with an undulation that makes sense.
+fn known_crs(given: &str, geoid_undulation_m: Option<f64>) -> Result<Crs, Problem> {
+    let crs = Crs::parse(given).map_err(|error| Problem::invalid_field("?crs", error.to_string()))?;
+    if geoid_undulation_m.is_some_and(|undulation_m| !(-150.0..=150.0).contains(&undulation_m)) {
+        let detail = "geoid_undulation_m must be from -150 to 150 m";
+        return Err(Problem::invalid_field("?geoid_undulation_m", detail));
+    }
+    Ok(crs)
+}
+
+fn cursor(given: Option<&str>) -> Result<i64, Problem> {
+    let detail = "cursor is not one that this service has given; begin without one";
+    given.map_or(Ok(0), |text| text.parse().map_err(|_| Problem::invalid_field("?cursor", detail)))
+}
+
+/// A rectangle in some CRS.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Rectangle {
+    min: [f64; 2],
+    max: [f64; 2],
+}
+
+/// Points on each side of a rectangle whose places bound it on the ellipsoid.
+const STEPS: u32 = 16;
+
+impl Rectangle {
+    fn parse(text: &str) -> Result<Self, Problem> {
+        let refuse = |detail: &str| Problem::invalid_field("?bbox", format!("bbox is {text:?}; {detail}"));
+        let numbers: Vec<f64> = text.split(',').map_while(|number| number.trim().parse().ok()).collect();
+        let [min_x, min_y, max_x, max_y] = numbers[..] else {
+            return Err(refuse("it must be four numbers: min_x,min_y,max_x,max_y"));
+        };
+        if text.split(',').count() != 4 || !numbers.iter().all(|number| number.is_finite()) {
+            return Err(refuse("it must be four finite numbers: min_x,min_y,max_x,max_y"));
+        }
+        if min_x > max_x || min_y > max_y {
+            return Err(refuse("its minimum is above its maximum"));
+        }
+        Ok(Self { min: [min_x, min_y], max: [max_x, max_y] })
+    }
+
+    /// Its longitudes and latitudes, rather too many than too few.
+    fn region(&self, crs: &Crs) -> Result<GeodeticBox, Problem> {
+        let at = |step: u32, axis: usize| {
+            self.min[axis] + (self.max[axis] - self.min[axis]) * f64::from(step) / f64::from(STEPS)
+        };
+        let rim = (0..=STEPS).flat_map(|step| {
+            [
+                [at(step, 0), self.min[1]],
+                [at(step, 0), self.max[1]],
+                [self.min[0], at(step, 1)],
+                [self.max[0], at(step, 1)],
+            ]
+        });
+        let places = rim
+            .map(|[x, y]| {
+                Ok(crate::control::region::longitude_latitude_deg(crs.geocentric_from_position([x, y, 0.0], None)?))
+            })
+            .collect::<Result<Vec<_>, crate::geometry::CrsError>>()
+            .map_err(|error| Problem::invalid_field("?bbox", error.to_string()))?;
+        if crs.is_geographic() {
+            let ([min_lon_deg, min_lat_deg], [max_lon_deg, max_lat_deg]) = (self.min, self.max);
+            return Ok(GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg });
+        }
+        Ok(GeodeticBox::around_points(places).widened())
+    }
+
+    fn touches(&self, feature: &ControlPointFeature) -> bool {
+        let lines = feature.geometry.coordinates.iter().flatten();
+        let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for position in lines.chain([&feature.properties.reference]) {
+            for axis in 0..2 {
+                min[axis] = min[axis].min(position[axis]);
+                max[axis] = max[axis].max(position[axis]);
+            }
+        }
+        (0..2).all(|axis| min[axis] <= self.max[axis] && max[axis] >= self.min[axis])
+    }
+}
+
+impl From<ControlError> for Problem {
+    fn from(error: ControlError) -> Self {
+        match error {
+            ControlError::Database(error) => error.into(),
+            error => Self::internal(&error),
+        }
+    }
+}
+
+impl From<CollectionError> for Problem {
+    fn from(error: CollectionError) -> Self {
+        match error {
+            CollectionError::Syntax(error) => Self::bad_request(format!("The body is not valid JSON: {error}")),
+            error => Self::invalid_field("", error.to_string()),
+        }
+    }
+}

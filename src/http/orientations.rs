@@ -1,0 +1,264 @@
+//! Orientations: asked for, followed, looked at.
+
+mod answer;
+mod events;
+mod overlay;
+
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use chrono::{DateTime, Utc};
+use serde::Deserialize;
+use utoipa::IntoParams;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+use uuid::Uuid;
+
+use super::extract::{Json, Path, Query};
+use super::idempotency::NewId;
+use super::page::{Page, Wanted};
+use super::problem::Problem;
+use super::state::AppState;
+use crate::imagery::{self, ImageryError};
+use crate::jobs::SubmitError;
+use crate::jobs::request::{FieldFault, ImageFacts, OrientationRequest};
+use crate::store::images::Image;
+use crate::store::orientations::{Filter, NewOrientation, Orientation, Status};
+use answer::OrientationAnswer;
+
+/// After a full queue, when to come back.
+const RETRY_AFTER_S: u32 = 10;
+
+/// The routes of the orientations.
+pub fn routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new()
+        .routes(routes!(list, create))
+        .routes(routes!(read, cancel))
+        .routes(routes!(events::events))
+        .routes(routes!(overlay::overlay))
+}
+
+/// Which orientations are wanted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ListQuery {
+    /// `queued`, `running`, `succeeded`, `failed` or `cancelled`.
+    status: Option<String>,
+    /// `green`, `yellow` or `red`.
+    verdict: Option<String>,
+    /// Only of this image.
+    image: Option<Uuid>,
+    /// Only those asked for at this time or later (RFC 3339).
+    since: Option<DateTime<Utc>>,
+    /// Items on a page, from 1 to 200; 50 if left out.
+    #[param(minimum = 1, maximum = 200)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+impl ListQuery {
+    fn filter(&self, before: Option<Uuid>) -> Result<Filter, Problem> {
+        let status = match &self.status {
+            None => None,
+            Some(name) => Some(Status::from_name(name).ok_or_else(|| {
+                let names = Status::ALL.map(Status::name).join(", ");
+                Problem::invalid_field("?status", format!("status is {name:?}; it must be one of {names}"))
+            })?),
+        };
+        let verdict = self.verdict.clone();
+        if let Some(name) = verdict.as_ref().filter(|name| !["green", "yellow", "red"].contains(&name.as_str())) {
+            let detail = format!("verdict is {name:?}; it must be green, yellow or red");
+            return Err(Problem::invalid_field("?verdict", detail));
+        }
+        Ok(Filter { status, verdict, image_id: self.image, since: self.since, before })
+    }
+}
+
+/// Orient an image
+///
+/// Everything is checked before it is accepted; what is accepted comes to its end, even through a restart of the
+/// service. An image that cannot be oriented has `succeeded` with the verdict `red` and its reasons; `failed` is for a
+/// broken file or a fault of the service. Where the approximation leaves something out, the image file is asked: its
+/// EXIF position (sigma 15, 15, 30 m unless it states better) and the heading in its EXIF or XMP (kappa = -heading, with
+/// a sigma of 15 degrees).
+#[utoipa::path(
+    post, path = "/orientations", operation_id = "orient", tag = "orientations", request_body = OrientationRequest,
+    params(
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when it has ended, at the latest after N seconds"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Makes the request safe to repeat"),
+    ),
+    responses(
+        (status = 202, description = "Accepted; `Location` says where to look", body = OrientationAnswer),
+        (status = 200, description = "Ended while the client waited", body = OrientationAnswer),
+        (status = 422, description = "A field makes no sense, or refers to what does not exist", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many are waiting", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn create(
+    State(state): State<AppState>,
+    NewId(id): NewId,
+    headers: HeaderMap,
+    Json(request): Json<OrientationRequest>,
+) -> Result<Response, Problem> {
+    let new = checked(&state, id, &request).await?;
+    state.jobs.submit(&new).await?;
+    let wait_s = preferred_wait_s(&headers).map(|seconds| seconds.min(state.configuration.wait_max_s));
+    let patience = Duration::from_secs(wait_s.unwrap_or(0));
+    let orientation = state.jobs.wait(id, patience).await?.ok_or_else(missing)?;
+    let status = if wait_s.is_some() && orientation.status.is_final() { StatusCode::OK } else { StatusCode::ACCEPTED };
+    let location = format!("/api/v1/orientations/{id}");
+    let answer = OrientationAnswer::new(orientation)?;
+    let mut response = (status, [(header::LOCATION, location)], axum::Json(answer)).into_response();
+    if let Some(applied) = wait_s.and_then(|seconds| HeaderValue::try_from(format!("wait={seconds}")).ok()) {
+        response.headers_mut().insert(HeaderName::from_static("preference-applied"), applied);
+    }
+    Ok(response)
+}
+
+/// Finds what the request refers to, and checks everything.
+async fn checked(state: &AppState, id: Uuid, request: &OrientationRequest) -> Result<NewOrientation, Problem> {
+    let image = match Uuid::try_parse(&request.image) {
+        Ok(id) => state.store.image(id).await?,
+        Err(_) => None,
+    };
+    let image = image.ok_or_else(|| Problem::invalid_field("/image", "there is no image with this id"))?;
+    let camera = state.store.camera(&request.camera).await?;
+    let camera = camera.ok_or_else(|| Problem::invalid_field("/camera", "there is no camera with this id or name"))?;
+    let facts = facts(state, &image, request).await?;
+    let prepared = request.prepare(&camera.camera, &facts).map_err(|faults| refused(&faults))?;
+    let prepared = serde_json::to_string(&prepared).map_err(|error| Problem::internal(&error))?;
+    Ok(NewOrientation { id, image_id: image.id, camera_id: camera.id, prepared })
+}
+
+/// What is known of the image; its file is asked only where the request leaves something out.
+async fn facts(state: &AppState, image: &Image, request: &OrientationRequest) -> Result<ImageFacts, Problem> {
+    let size_px = [image.header.width_px, image.header.height_px];
+    if request.approximation.position.is_some() && request.approximation.kappa_deg.is_some() {
+        return Ok(ImageFacts { size_px, ..ImageFacts::default() });
+    }
+    let (path, limits) = (state.store.image_path(&image.sha256), state.configuration.image_limits());
+    let probed = tokio::task::spawn_blocking(move || imagery::probe(&path, &limits)).await;
+    match probed.map_err(|error| Problem::internal(&error))? {
+        Ok(probe) => Ok(ImageFacts::from(&probe)),
+        Err(ImageryError::Read { source }) => Err(Problem::internal(&source)),
+        Err(error) => Err(Problem::invalid_field("/image", error.to_string())),
+    }
+}
+
+fn refused(faults: &[FieldFault]) -> Problem {
+    let detail = faults.first().map_or("", |fault| fault.detail.as_str());
+    let more = if faults.len() > 1 { format!(" (and {} more)", faults.len() - 1) } else { String::new() };
+    faults.iter().fold(Problem::invalid(format!("{detail}{more}")), |problem, fault| {
+        problem.with_error(&fault.pointer, &fault.detail)
+    })
+}
+
+/// The seconds of `Prefer: wait=N` (RFC 7240). What cannot be understood there is to be ignored.
+fn preferred_wait_s(headers: &HeaderMap) -> Option<u64> {
+    let preferences = headers.get_all("prefer").iter().filter_map(|value| value.to_str().ok());
+    preferences.flat_map(|value| value.split(',')).find_map(|preference| {
+        let (name, value) = preference.split(';').next()?.split_once('=')?;
+        name.trim().eq_ignore_ascii_case("wait").then(|| value.trim().trim_matches('"').parse().ok())?
+    })
+}
+
+/// List the orientations
+///
+/// The newest first, without their results.
+#[utoipa::path(
+    get, path = "/orientations", operation_id = "list_orientations", tag = "orientations", params(ListQuery),
+    responses(
+        (status = 200, description = "One page", body = Page<OrientationAnswer>),
+        (status = 422, description = "A parameter makes no sense", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn list(
+    State(state): State<AppState>,
+    Query(query): Query<ListQuery>,
+) -> Result<axum::Json<Page<OrientationAnswer>>, Problem> {
+    let wanted = Wanted::new(query.limit, query.cursor.as_deref())?;
+    let fetched = state.store.orientations(&query.filter(wanted.before)?, wanted.fetch()).await?;
+    let Page { items, next_cursor } = wanted.page(fetched, |orientation| orientation.id, OrientationAnswer::new);
+    let items = items.into_iter().collect::<Result<_, _>>()?;
+    Ok(axum::Json(Page { items, next_cursor }))
+}
+
+/// Show an orientation
+///
+/// With its result, once it has one.
+#[utoipa::path(
+    get, path = "/orientations/{id}", operation_id = "show_orientation", tag = "orientations",
+    params(("id" = Uuid, Path, description = "The orientation's id")),
+    responses(
+        (status = 200, description = "The orientation", body = OrientationAnswer),
+        (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axum::Json<OrientationAnswer>, Problem> {
+    Ok(axum::Json(OrientationAnswer::new(found(&state, id).await?)?))
+}
+
+/// Cancel an orientation
+///
+/// An attempt under way ends soon. What was cancelled before is answered the same.
+#[utoipa::path(
+    delete, path = "/orientations/{id}", operation_id = "cancel_orientation", tag = "orientations",
+    params(("id" = Uuid, Path, description = "The orientation's id")),
+    responses(
+        (status = 200, description = "Cancelled", body = OrientationAnswer),
+        (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It has ended already", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn cancel(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axum::Json<OrientationAnswer>, Problem> {
+    state.jobs.cancel(id).await?;
+    let orientation = found(&state, id).await?;
+    if orientation.status != Status::Cancelled {
+        return Err(Problem::conflict(format!("It has {} already.", orientation.status.name())));
+    }
+    Ok(axum::Json(OrientationAnswer::new(orientation)?))
+}
+
+async fn found(state: &AppState, id: Uuid) -> Result<Orientation, Problem> {
+    state.store.orientation(id).await?.ok_or_else(missing)
+}
+
+fn missing() -> Problem {
+    Problem::not_found("There is no orientation with this id.")
+}
+
+impl From<SubmitError> for Problem {
+    fn from(error: SubmitError) -> Self {
+        match error {
+            SubmitError::QueueFull { .. } => Self::unavailable(format!("{error}; come back later."), RETRY_AFTER_S),
+            SubmitError::Store(error) => error.into(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waiting_is_understood_in_all_its_spellings() {
+        let wait = |value: &'static str| {
+            let headers = HeaderMap::from_iter([(HeaderName::from_static("prefer"), HeaderValue::from_static(value))]);
+            preferred_wait_s(&headers)
+        };
+        assert_eq!(wait("wait=10"), Some(10));
+        assert_eq!(wait("respond-async, Wait=\"5\""), Some(5));
+        assert_eq!(wait("wait = 7; foo=bar"), Some(7));
+        assert_eq!(wait("respond-async"), None);
+        assert_eq!(wait("wait=soon"), None);
+        assert_eq!(wait("wait=-1"), None);
+    }
+}
