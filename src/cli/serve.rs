@@ -1,5 +1,7 @@
 //! `gable serve`.
 
+use std::time::Duration;
+
 use anyhow::Context as _;
 use clap::Args;
 use gable::configuration::ConfigurationError;
@@ -12,6 +14,9 @@ use super::Settings;
 
 const BOOTSTRAP_KEY: &str = "GABLE_BOOTSTRAP_KEY";
 const BOOTSTRAP_KEY_MIN_CHARACTERS: usize = 32;
+
+/// Orientations under way are told to end when the service is, and heed it between small pieces of work.
+const JOBS_END_PATIENCE: Duration = Duration::from_secs(3);
 
 const EXAMPLES: &str = "\
 Examples:
@@ -61,11 +66,17 @@ impl Serve {
         let address = listener.local_addr()?;
         let state = AppState::new(store, configuration);
         let app = http::router(state.clone())?;
+        state.jobs.prepare().await?;
+        let (jobs, stop_jobs) = (state.jobs.clone(), stop.clone());
+        let working = tokio::spawn(async move { jobs.run(stop_jobs).await });
         tracing::info!("listening on http://{address}, data in {}", state.store.folder().display());
         if !any_key {
             tracing::warn!("no key is made yet: every program on this machine is let in as admin");
         }
         http::serve::serve(listener, app, &state, stop).await;
+        if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
+            tracing::warn!("orientations under way do not end; they are taken up at the next start");
+        }
         state.store.close().await;
         Ok(())
     }
