@@ -9,11 +9,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use utoipa::openapi::{RefOr, Schema};
+use utoipa::{PartialSchema as _, ToSchema};
 
 use crate::imagery::Limits;
 
 /// How the log is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum LogFormat {
     /// For people.
@@ -23,17 +25,20 @@ pub enum LogFormat {
 }
 
 /// All settings. Durations are in seconds.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 #[non_exhaustive]
 pub struct Configuration {
     /// Address and port that the service listens on.
+    #[schema(value_type = String)]
     pub listen: SocketAddr,
     /// The data folder: database and pictures.
+    #[schema(value_type = String)]
     pub data: PathBuf,
     /// What is logged, as in `info,gable=debug`.
     pub log: String,
-    /// How it is logged.
+    /// How it is logged: `text` or `json`.
+    #[schema(value_type = String)]
     pub log_format: LogFormat,
     /// The largest image that may be uploaded.
     pub upload_max_bytes: u64,
@@ -55,6 +60,10 @@ pub struct Configuration {
     pub head_timeout_s: u64,
     /// How long a client may pause while it sends a body.
     pub body_idle_timeout_s: u64,
+    /// The least rate at which a body must come, once it has been waited for longer than a pause may be; 0 is any.
+    pub body_min_bytes_per_s: u64,
+    /// How long a client may take no more of an answer.
+    pub answer_idle_timeout_s: u64,
     /// How long requests may go on after the order to stop.
     pub shutdown_timeout_s: u64,
     /// How long answers to requests with an `Idempotency-Key` are kept.
@@ -88,6 +97,8 @@ impl Default for Configuration {
             connections_max: 1024,
             head_timeout_s: 10,
             body_idle_timeout_s: 30,
+            body_min_bytes_per_s: 1000,
+            answer_idle_timeout_s: 30,
             shutdown_timeout_s: 25,
             idempotency_kept_s: 24 * 3600,
             wait_max_s: 300,
@@ -97,6 +108,17 @@ impl Default for Configuration {
             job_timeout_s: 600,
         }
     }
+}
+
+/// One setting, for people.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Setting {
+    /// Its name in the file; in the environment it has capitals and begins with `GABLE_`.
+    pub name: String,
+    /// What it is if nobody says.
+    pub default: String,
+    /// What it does.
+    pub about: String,
 }
 
 /// A setting that cannot be used. One line, naming the key and what would be right.
@@ -137,7 +159,7 @@ impl Configuration {
         environment: impl IntoIterator<Item = (String, String)>,
         flags: &[(&'static str, String)],
     ) -> Result<(Self, Vec<String>), ConfigurationError> {
-        let names = Self::names();
+        let names: Vec<_> = Self::settings().into_iter().map(|setting| setting.name).collect();
         let (known, other): (HashMap<_, _>, HashMap<_, _>) = environment
             .into_iter()
             .filter(|(name, _)| name.starts_with(PREFIX) && !OTHER_VARIABLES.contains(&name.as_str()))
@@ -158,13 +180,23 @@ impl Configuration {
         Ok((configuration, ignored))
     }
 
-    /// The names of all settings.
+    /// All settings by name, with the comments of this file.
     #[must_use]
-    pub fn names() -> Vec<String> {
-        match serde_json::to_value(Self::default()) {
-            Ok(serde_json::Value::Object(settings)) => settings.into_iter().map(|(name, _)| name).collect(),
-            _ => Vec::new(),
-        }
+    pub fn settings() -> Vec<Setting> {
+        let defaults = serde_json::to_value(Self::default()).unwrap_or_default();
+        let RefOr::T(Schema::Object(schema)) = Self::schema() else {
+            return Vec::new();
+        };
+        let setting = |(name, about): (String, RefOr<Schema>)| {
+            let default = &defaults[&name];
+            let default = default.as_str().map_or_else(|| default.to_string(), str::to_owned);
+            let about = match about {
+                RefOr::T(Schema::Object(about)) => about.description.unwrap_or_default(),
+                _ => String::new(),
+            };
+            Setting { name, default, about }
+        };
+        schema.properties.into_iter().map(setting).collect()
     }
 
     /// Images oriented at a time.
@@ -195,7 +227,7 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 14] = [
+        let positive: [(&'static str, u64); 15] = [
             ("upload_max_bytes", self.upload_max_bytes),
             ("body_max_bytes", self.body_max_bytes as u64),
             ("import_max_bytes", self.import_max_bytes as u64),
@@ -206,6 +238,7 @@ impl Configuration {
             ("connections_max", self.connections_max as u64),
             ("head_timeout_s", self.head_timeout_s),
             ("body_idle_timeout_s", self.body_idle_timeout_s),
+            ("answer_idle_timeout_s", self.answer_idle_timeout_s),
             ("idempotency_kept_s", self.idempotency_kept_s),
             ("queue_max_jobs", self.queue_max_jobs.into()),
             ("job_max_attempts", self.job_max_attempts.into()),
@@ -220,6 +253,7 @@ impl Configuration {
         let durations = [
             ("head_timeout_s", self.head_timeout_s),
             ("body_idle_timeout_s", self.body_idle_timeout_s),
+            ("answer_idle_timeout_s", self.answer_idle_timeout_s),
             ("shutdown_timeout_s", self.shutdown_timeout_s),
             ("idempotency_kept_s", self.idempotency_kept_s),
             ("wait_max_s", self.wait_max_s),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Args;
-use gable::configuration::ConfigurationError;
+use gable::configuration::{Configuration, ConfigurationError, Setting};
 use gable::http::{self, AppState};
 use gable::store::Store;
 use gable::store::keys::Role;
@@ -32,7 +32,7 @@ Examples:
 
 /// Serve the HTTP API
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}\n\n{}", settings()))]
 pub(crate) struct Serve {
     /// Address and port. [env: GABLE_LISTEN] [default: 127.0.0.1:8080]
     #[arg(long, value_name = "ADDRESS:PORT")]
@@ -41,11 +41,21 @@ pub(crate) struct Serve {
     settings: Settings,
 }
 
+fn settings() -> String {
+    let line = |setting: Setting| {
+        let about = setting.about.split_whitespace().collect::<Vec<_>>().join(" ");
+        format!("  {} = {}\n      {about}", setting.name, setting.default)
+    };
+    let lines: Vec<_> = Configuration::settings().into_iter().map(line).collect();
+    format!("Settings:\n{}", lines.join("\n"))
+}
+
 impl Serve {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         let configuration = self.settings.gather(&[("listen", self.listen)])?;
         let listen = configuration.listen;
         let store = Store::open(&configuration.data).await?;
+        let _lock = store.lock()?;
         make_bootstrap_key(&store).await?;
         let loopback = listen.ip().is_loopback();
         let any_key = store.any_key().await?;

@@ -7,6 +7,7 @@ use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::{HeaderMap, header};
 use serde::de::DeserializeOwned;
 
+use super::pace::TooSlow;
 use super::problem::Problem;
 
 /// A JSON body. Unknown fields are for `T` to refuse (`deny_unknown_fields`).
@@ -134,8 +135,8 @@ pub fn body_problem(error: &(dyn std::error::Error + 'static), status: axum::htt
     }
     let mut cause = Some(error);
     while let Some(error) = cause {
-        if error.is::<tower_http::timeout::TimeoutError>() {
-            return Problem::too_slow("The body paused for too long.");
+        if error.is::<TooSlow>() {
+            return Problem::too_slow("The body comes too slowly, or has paused for too long.");
         }
         cause = error.source();
     }

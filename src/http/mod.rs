@@ -15,6 +15,7 @@ pub mod metrics;
 pub mod observe;
 pub mod openapi;
 pub mod orientations;
+pub mod pace;
 pub mod page;
 pub mod problem;
 pub mod request_id;
@@ -31,7 +32,6 @@ use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::{IntoResponse as _, Response};
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
-use tower_http::timeout::RequestBodyTimeoutLayer;
 use utoipa_axum::router::OpenApiRouter;
 
 pub use problem::Problem;
@@ -66,7 +66,10 @@ pub fn router(state: AppState) -> Result<Router, serde_json::Error> {
 /// Puts everything around the routes that all of them have in common.
 fn furnished(routes: Router<AppState>, state: AppState) -> Router {
     metrics::begin_recording();
-    let body_idle = Duration::from_secs(state.configuration.body_idle_timeout_s);
+    let pace = pace::Pace {
+        pause_max: Duration::from_secs(state.configuration.body_idle_timeout_s),
+        bytes_per_s_min: state.configuration.body_min_bytes_per_s,
+    };
     let body_max = DefaultBodyLimit::max(state.configuration.body_max_bytes);
     routes
         // closest to the handlers, so that a panic is an answer to everything further out
@@ -78,7 +81,7 @@ fn furnished(routes: Router<AppState>, state: AppState) -> Router {
         .layer(body_max)
         .layer(CatchPanicLayer::custom(panicked))
         .layer(from_fn(observe::observe))
-        .layer(RequestBodyTimeoutLayer::new(body_idle))
+        .layer(from_fn_with_state(pace, pace::watch))
         .layer(CompressionLayer::new())
         .with_state(state)
 }

@@ -15,6 +15,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
+use super::pace::Unstalled;
 use super::state::AppState;
 
 /// After a failed accept (no file descriptors left, for example) trying again at once would only burn the processor.
@@ -27,6 +28,7 @@ pub async fn serve(listener: TcpListener, app: Router, state: &AppState, stop: C
     let slots = Arc::new(Semaphore::new(configuration.connections_max));
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(Duration::from_secs(configuration.head_timeout_s));
+    let stall_max = Duration::from_secs(configuration.answer_idle_timeout_s);
     let mut connections = JoinSet::new();
     loop {
         let accepted = tokio::select! {
@@ -37,6 +39,7 @@ pub async fn serve(listener: TcpListener, app: Router, state: &AppState, stop: C
         };
         match accepted {
             Ok((stream, slot)) => {
+                let stream = Unstalled::new(stream, stall_max);
                 connections.spawn(connection(http.clone(), stream, slot, app.clone(), stop.clone()));
             }
             Err(error) => {
@@ -60,7 +63,7 @@ async fn accept(listener: &TcpListener, slots: &Arc<Semaphore>) -> std::io::Resu
 
 async fn connection(
     http: http1::Builder,
-    stream: TcpStream,
+    stream: Unstalled<TcpStream>,
     slot: OwnedSemaphorePermit,
     app: Router,
     stop: CancellationToken,

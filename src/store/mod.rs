@@ -10,6 +10,7 @@ pub mod images;
 pub mod keys;
 pub mod orientations;
 
+use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -56,6 +57,12 @@ pub enum StoreError {
         /// As needed.
         wanted: &'static str,
     },
+    /// Another service works with this data folder.
+    #[error("{} is in use by another gable service; end it, or give this one a folder of its own", folder.display())]
+    InUse {
+        /// The data folder.
+        folder: PathBuf,
+    },
     /// A stored value is not what this version writes.
     #[error("the stored {what} {value:?} is not known to this version")]
     Unknown {
@@ -71,6 +78,12 @@ pub enum StoreError {
 pub struct Store {
     pool: SqlitePool,
     folder: PathBuf,
+}
+
+/// Held by the one service of a data folder; the operating system takes it back when the process ends, however it ends.
+#[derive(Debug)]
+pub struct FolderLock {
+    _file: File,
 }
 
 const CONNECTIONS: u32 = 8;
@@ -101,6 +114,22 @@ impl Store {
         store.assert_durable().await?;
         migrations().run(&store.pool).await?;
         Ok(store)
+    }
+
+    /// Makes this process the one service of the data folder, as long as the lock is kept. Tools that only read and
+    /// write rows need no lock.
+    ///
+    /// # Errors
+    /// [`StoreError::InUse`] if there is another one.
+    pub fn lock(&self) -> Result<FolderLock, StoreError> {
+        let path = self.folder.join("service.lock");
+        let file = File::options().create(true).append(true).open(&path);
+        let file = file.map_err(|source| StoreError::File { action: "cannot open", path: path.clone(), source })?;
+        match file.try_lock() {
+            Ok(()) => Ok(FolderLock { _file: file }),
+            Err(TryLockError::WouldBlock) => Err(StoreError::InUse { folder: self.folder.clone() }),
+            Err(TryLockError::Error(source)) => Err(StoreError::File { action: "cannot lock", path, source }),
+        }
     }
 
     /// The connections, for the tables of other rooms.

@@ -31,7 +31,7 @@ async fn same_name_is_the_same_camera_or_a_conflict() {
     assert_eq!((first.status.as_u16(), again.status.as_u16()), (201, 200));
     assert_eq!(first.json(), again.json());
     let mut other = camera("twice");
-    other["principal_distance_px"] = json!(2890.000_000_000_001);
+    other["principal_distance_px"] = json!(2_890.000_000_000_001);
     assert_eq!(service.post("/api/v1/cameras", &other).await.problem(409), ["/name"]);
     assert_eq!(service.get("/api/v1/cameras/twice").await.json(), first.json());
 }

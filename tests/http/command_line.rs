@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-fn gable(folder: &Path, arguments: &[&str]) -> Command {
+pub(crate) fn gable(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_gable"));
     command
         .current_dir(folder)
@@ -23,9 +23,9 @@ fn output(command: &mut Command) -> (Option<i32>, String, String) {
 }
 
 /// A service on a free port, ended with the test.
-struct Serving {
-    child: Child,
-    address: String,
+pub(crate) struct Serving {
+    pub(crate) child: Child,
+    pub(crate) address: String,
 }
 
 impl Drop for Serving {
@@ -36,7 +36,7 @@ impl Drop for Serving {
 }
 
 impl Serving {
-    fn start(command: &mut Command) -> Self {
+    pub(crate) fn start(command: &mut Command) -> Self {
         let mut child = command.env("GABLE_LISTEN", "127.0.0.1:0").stderr(Stdio::piped()).spawn().unwrap();
         let mut log = BufReader::new(child.stderr.take().unwrap());
         let mut address = None;
@@ -50,7 +50,7 @@ impl Serving {
         Self { child, address: address.unwrap() }
     }
 
-    fn get(&self, path: &str, key: &str) -> String {
+    pub(crate) fn get(&self, path: &str, key: &str) -> String {
         let mut stream = TcpStream::connect(&self.address).unwrap();
         let authorization = if key.is_empty() { String::new() } else { format!("Authorization: Bearer {key}\r\n") };
         write!(stream, "GET {path} HTTP/1.1\r\nHost: localhost\r\n{authorization}Connection: close\r\n\r\n").unwrap();
@@ -82,7 +82,8 @@ fn settings_that_cannot_be_used_end_it_with_status_2_and_one_line() {
     std::fs::write(folder.path().join("unknown.toml"), "uplod_max_bytes = 5\n").unwrap();
     std::fs::write(folder.path().join("type.toml"), "wait_max_s = \"long\"\n").unwrap();
     std::fs::write(folder.path().join("broken.toml"), "listen = \n").unwrap();
-    let cases: [(&[&str], &[(&str, &str)], &str); 12] = [
+    type Variables<'a> = &'a [(&'a str, &'a str)];
+    let cases: [(&[&str], Variables<'_>, &str); 12] = [
         (&["serve", "--config", "missing.toml"], &[], "missing.toml"),
         (&["serve", "--config", "unknown.toml"], &[], "uplod_max_bytes"),
         (&["serve", "--config", "type.toml"], &[], "wait_max_s"),
@@ -110,6 +111,29 @@ fn service_for_the_network_does_not_start_without_a_key() {
     let (status, _, errors) = output(&mut gable(folder.path(), &["serve", "--listen", "0.0.0.0:0"]));
     assert_eq!(status, Some(2));
     assert!(errors.contains("there is no key") && errors.lines().count() == 1, "{errors}");
+}
+
+#[test]
+fn two_services_do_not_share_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let _first = Serving::start(&mut gable(folder.path(), &["serve"]));
+    let (status, _, errors) = output(&mut gable(folder.path(), &["serve", "--listen", "127.0.0.1:0"]));
+    assert_eq!(status, Some(1));
+    assert!(errors.contains("in use by another gable service"), "{errors}");
+}
+
+#[test]
+fn help_shows_every_setting() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, help, _) = output(&mut gable(folder.path(), &["serve", "--help"]));
+    let settings = gable::configuration::Configuration::settings();
+    assert!(settings.len() > 20);
+    for setting in settings {
+        assert!(
+            !setting.about.is_empty() && help.contains(&format!("{} = {}", setting.name, setting.default)),
+            "{setting:?}"
+        );
+    }
 }
 
 #[test]

@@ -1,11 +1,16 @@
 //! The HTTP contract: through the router, over real sockets where the traps are, and by the built binary.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test fails by panic")]
+
 mod access;
 mod bad_requests;
 mod cameras;
 mod command_line;
 mod contract;
+mod control_points;
+mod crash;
 mod idempotency;
 mod images;
+mod orientations;
 mod sockets;
 mod support;

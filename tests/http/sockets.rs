@@ -21,6 +21,7 @@ struct Running {
 /// Times of one second, so that the tests need not wait long.
 async fn running() -> Running {
     let service = Service::with(|configuration| {
+        configuration.answer_idle_timeout_s = 1;
         configuration.head_timeout_s = 1;
         configuration.body_idle_timeout_s = 1;
         configuration.shutdown_timeout_s = 2;
@@ -104,6 +105,39 @@ async fn body_that_pauses_too_long_is_a_problem_and_leaves_nothing() {
     assert!(answer.starts_with("HTTP/1.1 408"), "{answer}");
     assert!(answer.contains("urn:gable:problem:too-slow"), "{answer}");
     assert_eq!(running.service.files("incoming"), Vec::<String>::new());
+}
+
+#[tokio::test]
+async fn body_that_dribbles_is_a_problem() {
+    let running = running().await;
+    let mut dribbling = running.send(&upload_head(5000)).await;
+    let (mut reading, mut writing) = dribbling.split();
+    let mut answer = String::new();
+    let dribble = async {
+        while writing.write_all(b"x").await.is_ok() {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    let read = async {
+        // a reset after the answer is as good an end
+        let _ = reading.read_to_string(&mut answer).await;
+    };
+    let both = async {
+        tokio::select! { () = dribble => {}, () = read => {} }
+    };
+    tokio::time::timeout(Duration::from_secs(5), both).await.unwrap();
+    assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 408"), "{answer}");
+    assert_eq!(running.service.files("incoming"), Vec::<String>::new());
+}
+
+#[tokio::test]
+async fn client_that_does_not_read_is_cut_off() {
+    let running = running().await;
+    let ask = "GET /docs/swagger-ui-bundle.js HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    let mut deaf = running.send(&ask.repeat(30)).await;
+    tokio::time::sleep(Duration::from_millis(2500)).await;
+    let received = until_closed(&mut deaf, Duration::from_secs(3)).await;
+    assert!(received.len() < 20_000_000, "all of it was sent: {} bytes", received.len());
 }
 
 #[tokio::test]
