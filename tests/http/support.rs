@@ -1,10 +1,13 @@
 //! A service in a temporary folder, and short ways to ask it.
 
+use std::sync::Arc;
+
 use axum::Router;
 use axum::body::{Body, Bytes, to_bytes};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
 use gable::configuration::Configuration;
 use gable::http::{AppState, router};
+use gable::jobs::Orient;
 use gable::store::Store;
 use gable::store::keys::{Key, Role, random_secret};
 use serde_json::{Value, json};
@@ -51,12 +54,17 @@ impl Service {
     }
 
     pub(crate) async fn with(change: impl FnOnce(&mut Configuration)) -> Self {
+        Self::with_pipeline(change, Arc::new(gable::pipeline::orient)).await
+    }
+
+    /// A service that orients images by another pipeline, once its jobs are begun.
+    pub(crate) async fn with_pipeline(change: impl FnOnce(&mut Configuration), orient: Orient) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut configuration = Configuration::default();
         folder.path().clone_into(&mut configuration.data);
         change(&mut configuration);
         let store = Store::open(folder.path()).await.unwrap();
-        let state = AppState::new(store, configuration);
+        let state = AppState::with_pipeline(store, configuration, orient);
         Self { app: router(state.clone()).unwrap(), state, _folder: folder }
     }
 
