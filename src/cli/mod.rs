@@ -1,7 +1,9 @@
 //! The command line: one file a command.
 
+mod import;
 mod key;
 mod openapi;
+mod orient;
 mod serve;
 
 use std::io::{IsTerminal as _, Write as _};
@@ -25,6 +27,8 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Serve(serve::Serve),
+    Import(import::Import),
+    Orient(Box<orient::Orient>),
     Key(key::Key),
     Openapi(openapi::OpenApi),
 }
@@ -33,6 +37,8 @@ impl Command {
     async fn run(self) -> anyhow::Result<()> {
         match self {
             Self::Serve(command) => command.run().await,
+            Self::Import(command) => command.run().await,
+            Self::Orient(command) => command.run().await,
             Self::Key(command) => command.run().await,
             Self::Openapi(command) => command.run(),
         }

@@ -29,7 +29,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
 /// A camera with its interior orientation.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct CameraRequest {
+pub struct CameraRequest {
     /// Unique; 1 to 200 characters. Images can be oriented with the camera by this name.
     #[schema(example = "canon-sx260")]
     name: String,
@@ -129,7 +129,11 @@ impl From<NamedCamera> for CameraAnswer {
 }
 
 impl CameraRequest {
-    fn camera(&self) -> Result<Camera, Problem> {
+    /// The camera, after checking that it makes sense.
+    ///
+    /// # Errors
+    /// 422 with the pointer of the field that is at fault.
+    pub fn camera(&self) -> Result<Camera, Problem> {
         let film = [
             ("/principal_distance_mm", self.principal_distance_mm.is_some()),
             ("/principal_point_mm", self.principal_point_mm.is_some()),

@@ -202,6 +202,18 @@ impl Problem {
     }
 }
 
+/// On one line, for the command line: what is wrong, and where.
+impl std::fmt::Display for Problem {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.errors.first() {
+            Some(FieldError { pointer, detail }) if !pointer.is_empty() => write!(f, "{pointer}: {detail}"),
+            _ => f.write_str(&self.detail),
+        }
+    }
+}
+
+impl std::error::Error for Problem {}
+
 impl IntoResponse for Problem {
     fn into_response(mut self) -> Response {
         self.instance = request_id::current().map(String::into_boxed_str);

@@ -37,7 +37,7 @@ pub(super) async fn events(
     // first listen, then look: nothing can happen unnoticed in between
     let changes = state.jobs.subscribe();
     let first = found(&state, id).await?;
-    let listener = Listener { state, id, changes, phase: Phase::First(first) };
+    let listener = Listener { state, id, changes, phase: Phase::First(Box::new(first)) };
     let events = stream::unfold(listener, |mut listener| async {
         let event = listener.next().await?;
         Some((Ok(event), listener))
@@ -53,7 +53,7 @@ struct Listener {
 }
 
 enum Phase {
-    First(Orientation),
+    First(Box<Orientation>),
     Following,
     Over,
 }

@@ -1,0 +1,97 @@
+//! `gable import`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use gable::control::{ImportReport, Mode, Source, geojson, sqlite};
+use gable::geometry::Crs;
+use gable::store::Store;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{Settings, print};
+
+const EXAMPLES: &str = "\
+Examples:
+  gable import buildings.geojson --crs EPSG:25832 --data /srv/gable
+      Adds the control points in the file, and updates those that are known by name. A service on the same folder may
+      be running: it uses them from the next image on.
+
+  gable import buildings.geojson --crs EPSG:25832 --geoid-undulation-m 46.2
+      The same where heights are above the geoid: height + 46.2 m = ellipsoidal height.
+
+  gable import all.geojson --crs EPSG:2180 --mode replace
+      Makes the file all there is: control points that are not in it are removed.
+
+Each feature is one building, a MultiLineString of segments with two 3D positions each:
+  {\"type\": \"FeatureCollection\", \"features\": [
+    {\"type\": \"Feature\", \"properties\": {\"name\": \"church-7\", \"sigma_m\": 0.1},
+     \"geometry\": {\"type\": \"MultiLineString\", \"coordinates\": [[[565012.1, 5934410.4, 78.2], [565021.9, 5934412.0, 78.2]]]}}]}";
+
+/// Import control points from a GeoJSON file into the data folder
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Import {
+    /// GeoJSON file with the control points.
+    file: PathBuf,
+    /// CRS of its coordinates: EPSG:<code> or a PROJ string.
+    #[arg(long)]
+    crs: Crs,
+    /// What makes its heights ellipsoidal, if they are above the geoid.
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    geoid_undulation_m: Option<f64>,
+    /// What becomes of control points whose name is known.
+    #[arg(long, value_enum, default_value_t)]
+    mode: Mode,
+    /// Print the report as JSON.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: Settings,
+}
+
+impl Import {
+    pub(crate) async fn run(self) -> anyhow::Result<()> {
+        let configuration = self.settings.gather(&[])?;
+        let parsed = parse(&self.file, self.crs, self.geoid_undulation_m).await?;
+        let store = Store::open(&configuration.data).await?;
+        let bar = bar(parsed.control_points.len());
+        let imported = sqlite::import(store.pool(), parsed, self.mode, |done| bar.set_position(done as u64)).await;
+        bar.finish_and_clear();
+        store.close().await;
+        let report = imported?;
+        if self.json {
+            return print(&serde_json::to_string_pretty(&report)?);
+        }
+        for rejection in &report.rejected {
+            let name = rejection.name.as_deref().unwrap_or("without a name");
+            print(&format!("rejected: feature {} ({name}): {}", rejection.index, rejection.detail))?;
+        }
+        let ImportReport { imported, updated, rejected } = &report;
+        print(&format!("{imported} imported, {updated} updated, {} rejected", rejected.len()))?;
+        if imported + updated == 0 && !rejected.is_empty() {
+            bail!("nothing was imported");
+        }
+        Ok(())
+    }
+}
+
+/// Reads a file of control points, away from the threads that wait for others.
+pub(super) async fn parse(
+    file: &std::path::Path,
+    crs: Crs,
+    geoid_undulation_m: Option<f64>,
+) -> anyhow::Result<geojson::Parsed> {
+    let name = file.display().to_string();
+    let body = tokio::fs::read(file).await.with_context(|| format!("cannot read {name}"))?;
+    let parse = move || geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m });
+    tokio::task::spawn_blocking(parse).await?.with_context(|| name)
+}
+
+fn bar(length: usize) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}");
+    let bar = ProgressBar::new(length as u64).with_message("importing");
+    bar.enable_steady_tick(Duration::from_millis(200));
+    style.map_or(bar.clone(), |style| bar.with_style(style))
+}
