@@ -30,3 +30,5 @@ pub mod jobs;
 pub mod configuration;
 
 pub mod http;
+
+pub mod service;

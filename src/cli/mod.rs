@@ -13,6 +13,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use gable::configuration::{Configuration, ConfigurationError, LogFormat};
+use gable::service::ServiceError;
 use tracing_subscriber::EnvFilter;
 
 /// Finds the exterior orientation of single aerial images from roof lines of buildings, and says whether it can be
@@ -112,5 +113,6 @@ fn print(text: &str) -> anyhow::Result<()> {
 
 fn failed(error: &anyhow::Error) -> ExitCode {
     eprintln!("gable: {error:#}");
-    if error.is::<ConfigurationError>() { ExitCode::from(2) } else { ExitCode::FAILURE }
+    let no_key = matches!(error.downcast_ref(), Some(ServiceError::NoKey { .. }));
+    if no_key || error.is::<ConfigurationError>() { ExitCode::from(2) } else { ExitCode::FAILURE }
 }

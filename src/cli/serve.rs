@@ -1,22 +1,17 @@
 //! `gable serve`.
 
-use std::time::Duration;
-
 use anyhow::Context as _;
 use clap::Args;
 use gable::configuration::{Configuration, ConfigurationError, Setting};
-use gable::http::{self, AppState};
+use gable::http::serve::stop_on_signals;
+use gable::service::Service;
 use gable::store::Store;
 use gable::store::keys::Role;
-use tokio::net::TcpListener;
 
 use super::Settings;
 
 const BOOTSTRAP_KEY: &str = "GABLE_BOOTSTRAP_KEY";
 const BOOTSTRAP_KEY_MIN_CHARACTERS: usize = 32;
-
-/// Orientations under way are told to end when the service is, and heed it between small pieces of work.
-const JOBS_END_PATIENCE: Duration = Duration::from_secs(3);
 
 const EXAMPLES: &str = "\
 Examples:
@@ -53,41 +48,10 @@ fn settings() -> String {
 impl Serve {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         let configuration = self.settings.gather(&[("listen", self.listen)])?;
-        let listen = configuration.listen;
         let store = Store::open(&configuration.data).await?;
-        let _lock = store.lock()?;
         make_bootstrap_key(&store).await?;
-        let loopback = listen.ip().is_loopback();
-        let any_key = store.any_key().await?;
-        if !loopback && !any_key {
-            let detail = format!(
-                "listen is {listen}, which other machines can reach, but there is no key; make one with `gable key new \
-                 --role admin`, or listen on 127.0.0.1"
-            );
-            return Err(ConfigurationError::Unreadable { detail }.into());
-        }
-        store.release_all_idempotency().await?;
-        let swept = store.sweep_uploads().await?;
-        if swept > 0 {
-            tracing::info!(files = swept, "removed what unfinished uploads had left behind");
-        }
-        let stop = http::serve::stop_on_signals().context("signals cannot be caught")?;
-        let listener = TcpListener::bind(listen).await.with_context(|| format!("cannot listen on {listen}"))?;
-        let address = listener.local_addr()?;
-        let state = AppState::new(store, configuration);
-        let app = http::router(state.clone())?;
-        state.jobs.prepare().await?;
-        let (jobs, stop_jobs) = (state.jobs.clone(), stop.clone());
-        let working = tokio::spawn(async move { jobs.run(stop_jobs).await });
-        tracing::info!("listening on http://{address}, data in {}", state.store.folder().display());
-        if !any_key {
-            tracing::warn!("no key is made yet: every program on this machine is let in as admin");
-        }
-        http::serve::serve(listener, app, &state, stop).await;
-        if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
-            tracing::warn!("orientations under way do not end; they are taken up at the next start");
-        }
-        state.store.close().await;
+        let stop = stop_on_signals().context("signals cannot be caught")?;
+        Service::begin(store, configuration).await?.run(stop).await;
         Ok(())
     }
 }

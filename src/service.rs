@@ -1,0 +1,108 @@
+//! The service as a whole, from its data folder to its end.
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use axum::Router;
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+use crate::configuration::Configuration;
+use crate::http::{self, AppState};
+use crate::store::{FolderLock, Store, StoreError};
+
+/// Why the service cannot begin.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ServiceError {
+    /// The data folder cannot be used.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Everybody could do everything.
+    #[error(
+        "listen is {listen}, which other machines can reach, but there is no key; make one with `gable key new --role \
+         admin`, or listen on 127.0.0.1"
+    )]
+    NoKey {
+        /// The setting.
+        listen: SocketAddr,
+    },
+    /// The address cannot be had.
+    #[error("cannot listen on {listen}: {source}")]
+    Listen {
+        /// The setting.
+        listen: SocketAddr,
+        /// The cause.
+        source: std::io::Error,
+    },
+    /// The OpenAPI document cannot be written.
+    #[error("the contract cannot be written: {0}")]
+    Contract(#[from] serde_json::Error),
+}
+
+/// A service that has its data folder and its address. It answers as soon as it is run.
+#[derive(Debug)]
+pub struct Service {
+    state: AppState,
+    app: Router,
+    listener: TcpListener,
+    address: SocketAddr,
+    _lock: FolderLock,
+}
+
+/// Orientations under way are told to end when the service is, and heed it between small pieces of work.
+const JOBS_END_PATIENCE: Duration = Duration::from_secs(3);
+
+impl Service {
+    /// Takes the data folder and the address, and tidies up what a former service has left.
+    ///
+    /// # Errors
+    /// [`ServiceError`].
+    pub async fn begin(store: Store, configuration: Configuration) -> Result<Self, ServiceError> {
+        let listen = configuration.listen;
+        let lock = store.lock()?;
+        let any_key = store.any_key().await?;
+        if !listen.ip().is_loopback() && !any_key {
+            return Err(ServiceError::NoKey { listen });
+        }
+        let fails = |source| ServiceError::Listen { listen, source };
+        let listener = TcpListener::bind(listen).await.map_err(fails)?;
+        let address = listener.local_addr().map_err(fails)?;
+        store.release_all_idempotency().await?;
+        let swept = store.sweep_uploads().await?;
+        if swept > 0 {
+            tracing::info!(files = swept, "removed what unfinished uploads had left behind");
+        }
+        let state = AppState::new(store, configuration);
+        state.jobs.prepare().await?;
+        let app = http::router(state.clone())?;
+        tracing::info!("listening on http://{address}, data in {}", state.store.folder().display());
+        if !any_key {
+            tracing::warn!("no key is made yet: every program on this machine is let in as admin");
+        }
+        Ok(Self { state, app, listener, address, _lock: lock })
+    }
+
+    /// Where it listens; the port is a real one even if the configuration says 0.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// What its handlers share.
+    #[must_use]
+    pub fn state(&self) -> &AppState {
+        &self.state
+    }
+
+    /// Answers and works until `stop` is cancelled, and ends in time.
+    pub async fn run(self, stop: CancellationToken) {
+        let (jobs, stop_jobs) = (self.state.jobs.clone(), stop.clone());
+        let working = tokio::spawn(async move { jobs.run(stop_jobs).await });
+        http::serve::serve(self.listener, self.app, &self.state, stop).await;
+        if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
+            tracing::warn!("orientations under way do not end; they are taken up at the next start");
+        }
+        self.state.store.close().await;
+    }
+}
