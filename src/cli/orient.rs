@@ -60,8 +60,6 @@ pub(crate) struct Orient {
     /// What makes the heights in the file ellipsoidal, if they are above the geoid.
     #[arg(long, value_name = "N", requires = "control", allow_negative_numbers = true)]
     geoid_undulation_m: Option<f64>,
-    #[command(flatten)]
-    approximation: ApproximationFlags,
     /// The largest error on the ground that is acceptable, in ground sample distances. [default: 10]
     #[arg(long, value_name = "N", conflicts_with = "tolerance_m")]
     tolerance_gsd: Option<f64>,
@@ -82,6 +80,8 @@ pub(crate) struct Orient {
     json: bool,
     #[command(flatten)]
     settings: Settings,
+    #[command(flatten)]
+    approximation: ApproximationFlags,
 }
 
 /// The approximation, flag by flag.

@@ -22,10 +22,6 @@ pub struct GeodeticBox {
 }
 
 impl GeodeticBox {
-    /// The whole earth.
-    pub const EVERYWHERE: Self =
-        Self { min_lon_deg: -180.0, max_lon_deg: 180.0, min_lat_deg: -90.0, max_lat_deg: 90.0 };
-
     /// The smallest box around points that lie close together.
     #[must_use]
     pub fn around_points(points_lon_lat_deg: impl IntoIterator<Item = [f64; 2]>) -> Self {

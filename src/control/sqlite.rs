@@ -164,13 +164,15 @@ pub async fn in_box(
     after: i64,
     limit: usize,
 ) -> Result<Vec<(i64, StoredControlPoint)>, ControlError> {
+    let limit_rows = i64::try_from(limit).unwrap_or(i64::MAX);
     let mut found = Vec::new();
     for part in region.unwrapped() {
+        // CROSS JOIN keeps SQLite from walking through all points in the order that is wanted
         let rows = sqlx::query(
             "SELECT p.id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges
-             FROM control_point_boxes b JOIN control_points p ON p.id = b.id
+             FROM control_point_boxes b CROSS JOIN control_points p ON p.id = b.id
              WHERE b.max_lon_deg >= ?1 AND b.min_lon_deg <= ?2 AND b.max_lat_deg >= ?3 AND b.min_lat_deg <= ?4
-                 AND p.id > ?5
+                 AND b.id > ?5
              ORDER BY p.id LIMIT ?6",
         )
         .bind(part.min_lon_deg)
@@ -178,18 +180,36 @@ pub async fn in_box(
         .bind(part.min_lat_deg)
         .bind(part.max_lat_deg)
         .bind(after)
-        .bind(i64::try_from(limit).unwrap_or(i64::MAX))
+        .bind(limit_rows)
         .fetch_all(pool)
         .await?;
-        for row in rows {
-            found.push((row.try_get("id")?, stored(&row)?));
-        }
+        found.append(&mut with_ids(&rows)?);
     }
     // a region across the antimeridian is asked for in two parts
     found.sort_by_key(|(id, _)| *id);
     found.dedup_by_key(|(id, _)| *id);
     found.truncate(limit);
     Ok(found)
+}
+
+/// The control points by ascending id, from the first one after `after`, at most `limit`.
+///
+/// # Errors
+/// [`ControlError`] if the database fails.
+pub async fn all(pool: &SqlitePool, after: i64, limit: usize) -> Result<Vec<(i64, StoredControlPoint)>, ControlError> {
+    let rows = sqlx::query(
+        "SELECT id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges
+         FROM control_points WHERE id > ?1 ORDER BY id LIMIT ?2",
+    )
+    .bind(after)
+    .bind(i64::try_from(limit).unwrap_or(i64::MAX))
+    .fetch_all(pool)
+    .await?;
+    with_ids(&rows)
+}
+
+fn with_ids(rows: &[SqliteRow]) -> Result<Vec<(i64, StoredControlPoint)>, ControlError> {
+    rows.iter().map(|row| Ok((row.try_get("id")?, stored(row)?))).collect()
 }
 
 /// The control point of a name.

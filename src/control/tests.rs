@@ -57,7 +57,7 @@ async fn modes_do_what_they_say() {
     assert_eq!(counts(&import(&pool, &only, Mode::Replace).await), (1, 1, 0));
     assert_eq!(sqlite::count(&pool).await.unwrap(), 2);
     assert!(sqlite::by_name(&pool, "a").await.unwrap().is_none());
-    assert_eq!(sqlite::in_box(&pool, GeodeticBox::EVERYWHERE, 0, 10).await.unwrap().len(), 2);
+    assert_eq!(sqlite::all(&pool, 0, 10).await.unwrap().len(), 2);
 }
 
 #[tokio::test]
@@ -216,8 +216,34 @@ async fn the_next_page_begins_after_the_last_one() {
     let features =
         (0..5).map(|i| feature(&format!("p{i}"), 16.6 + 1e-3 * f64::from(i), 52.7, 70.0)).collect::<Vec<_>>();
     import(&pool, &collection(&features), Mode::Upsert).await;
-    let first = sqlite::in_box(&pool, GeodeticBox::EVERYWHERE, 0, 3).await.unwrap();
-    let second = sqlite::in_box(&pool, GeodeticBox::EVERYWHERE, first[2].0, 3).await.unwrap();
-    let names: Vec<_> = first.iter().chain(&second).map(|(_, point)| point.name.as_str()).collect();
-    assert_eq!(names, ["p0", "p1", "p2", "p3", "p4"]);
+    let names = |first: &[(i64, StoredControlPoint)], second: &[(i64, StoredControlPoint)]| {
+        first.iter().chain(second).map(|(_, point)| point.name.clone()).collect::<Vec<_>>()
+    };
+    let first = sqlite::all(&pool, 0, 3).await.unwrap();
+    let second = sqlite::all(&pool, first[2].0, 3).await.unwrap();
+    assert_eq!(names(&first, &second), ["p0", "p1", "p2", "p3", "p4"]);
+    let region = GeodeticBox::around_place([16.602, 52.7], 1_000.0);
+    let first = sqlite::in_box(&pool, region, 0, 3).await.unwrap();
+    let second = sqlite::in_box(&pool, region, first[2].0, 3).await.unwrap();
+    assert_eq!(names(&first, &second), ["p0", "p1", "p2", "p3", "p4"]);
+}
+
+/// In a database of a whole country a view must not cost more than in that of a village.
+#[tokio::test]
+async fn a_view_is_found_among_many() {
+    let pool = database().await;
+    let raster = (0..120).flat_map(|x| (0..100).map(move |y| (x, y)));
+    let features: Vec<_> = raster
+        .map(|(x, y)| feature(&format!("{x},{y}"), 10.0 + 0.01 * f64::from(x), 50.0 + 0.01 * f64::from(y), 80.0))
+        .collect();
+    import(&pool, &collection(&features), Mode::Upsert).await;
+    let frame = LocalFrame::at(11.0, 50.7, 0.0);
+    let (camera, approximation) = nadir(580.0);
+    let began = std::time::Instant::now();
+    for _ in 0..20 {
+        let found = around(&pool, &frame, &camera, &approximation, Reach::default()).await.unwrap();
+        assert_eq!(found.iter().map(|point| point.name.as_str()).collect::<Vec<_>>(), ["100,70"]);
+    }
+    let milliseconds = began.elapsed().as_secs_f64() * 50.0;
+    assert!(milliseconds < 50.0, "{milliseconds} ms each");
 }

@@ -142,16 +142,16 @@ async fn list(
     let crs = known_crs(query.crs.as_deref().unwrap_or(DEFAULT_CRS), query.geoid_undulation_m)?;
     let limit = Wanted::new(query.limit, None)?.limit as usize;
     let rectangle = query.bbox.as_deref().map(Rectangle::parse).transpose()?;
-    let region = match &rectangle {
-        Some(rectangle) => rectangle.region(&crs)?,
-        None => GeodeticBox::EVERYWHERE,
-    };
+    let region = rectangle.as_ref().map(|rectangle| rectangle.region(&crs)).transpose()?;
     let mut after = cursor(query.cursor.as_deref())?;
     let target = Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m };
     let mut items = Vec::new();
     loop {
         // one more than fits, to know whether there is a next page
-        let found = sqlite::in_box(state.store.pool(), region, after, limit + 1).await?;
+        let found = match region {
+            Some(region) => sqlite::in_box(state.store.pool(), region, after, limit + 1).await?,
+            None => sqlite::all(state.store.pool(), after, limit + 1).await?,
+        };
         let last = found.len() <= limit;
         for (id, point) in found {
             if items.len() == limit {

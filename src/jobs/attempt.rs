@@ -99,6 +99,10 @@ impl Signal {
         self.interrupted.store(true, Ordering::Relaxed);
     }
 
+    fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+
     fn is_late(&self) -> bool {
         Instant::now() >= self.deadline
     }
@@ -122,7 +126,7 @@ impl Observer for Watcher {
     }
 
     fn cancelled(&self) -> bool {
-        self.signal.interrupted.load(Ordering::Relaxed) || self.signal.is_late()
+        self.signal.is_interrupted() || self.signal.is_late()
     }
 }
 
@@ -300,12 +304,15 @@ impl Inner {
     ) -> Result<(), StoreError> {
         let id = orientation.id;
         let interrupted = matches!(error, AttemptError::Interrupted);
-        if interrupted && !self.stopping.is_cancelled() {
-            // cancelled rows have lost their lease, and stay as they are
+        if interrupted && signal.is_late() {
             let seconds = self.settings.timeout.as_secs();
             let detail = format!("the attempt has taken longer than {seconds} s (set by `job_timeout_s`)");
-            let failure = Failure { code: "timeout".to_owned(), detail };
-            return if signal.is_late() { self.give_up(lease, id, &failure).await } else { Ok(()) };
+            return self.give_up(lease, id, &Failure { code: "timeout".to_owned(), detail }).await;
+        }
+        let interrupted = interrupted && signal.is_interrupted();
+        if interrupted && !self.stopping.is_cancelled() {
+            // cancelled: its row has said so since, and keeps its word
+            return Ok(());
         }
         if let Some(failure) = error.failure() {
             return self.give_up(lease, id, &failure).await;

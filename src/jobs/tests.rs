@@ -226,6 +226,18 @@ async fn a_panic_is_tried_again_and_then_given_up() {
     assert!(!error.detail.contains("luck"), "the cause is for the log");
 }
 
+/// A fault of the pipeline, which must not leave the orientation running for ever.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_pipeline_that_ends_without_being_told_to_has_failed() {
+    let bench = Bench::new().await;
+    let jobs = bench.jobs(Arc::new(|_, _, _, _| Err(Fault::Cancelled)));
+    let (_stop, _ended) = start(&jobs).await;
+    let wanted = bench.wanted();
+    jobs.submit(&wanted).await.unwrap();
+    let row = jobs.wait(wanted.id, PATIENCE).await.unwrap().unwrap();
+    assert_eq!((row.status, row.attempts), (Status::Failed, 3));
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_broken_picture_fails_at_once() {
     let bench = Bench::new().await;
