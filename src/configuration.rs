@@ -42,6 +42,8 @@ pub struct Configuration {
     pub log_format: LogFormat,
     /// The largest image that may be uploaded.
     pub upload_max_bytes: u64,
+    /// Room that uploads leave on the disk, for the database to go on.
+    pub disk_reserve_bytes: u64,
     /// The largest body of any other request but an import of control points.
     pub body_max_bytes: usize,
     /// The largest body of an import of control points.
@@ -88,6 +90,7 @@ impl Default for Configuration {
             log: String::from("info"),
             log_format: LogFormat::Text,
             upload_max_bytes: 2_000_000_000,
+            disk_reserve_bytes: 200_000_000,
             body_max_bytes: 1_000_000,
             import_max_bytes: 100_000_000,
             image_max_side_px: 60_000,

@@ -61,6 +61,16 @@ async fn ready(State(state): State<AppState>) -> impl IntoResponse {
             not_ready.insert("database", format!("has not answered within {} s", DATABASE_TIMEOUT.as_secs()));
         }
     }
+    match state.store.free_bytes() {
+        Ok(free) if free >= state.configuration.disk_reserve_bytes => {}
+        Ok(_) => {
+            not_ready.insert("disk", String::from("is full"));
+        }
+        Err(error) => {
+            tracing::error!(%error, "the disk does not answer");
+            not_ready.insert("disk", String::from("does not answer"));
+        }
+    }
     if not_ready.is_empty() {
         (StatusCode::OK, Json(Health { status: "ready", not_ready }))
     } else {

@@ -132,7 +132,11 @@ async fn upload(State(state): State<AppState>, NewId(id): NewId, request: Reques
         return Err(Problem::bad_request(detail).with_error("Content-Digest", detail));
     }
     let max_bytes = state.configuration.upload_max_bytes;
-    refuse_declared_length(headers, max_bytes)?;
+    let declared_bytes = content_length(headers);
+    if declared_bytes.is_some_and(|bytes| bytes > max_bytes) {
+        return Err(too_large(max_bytes));
+    }
+    refuse_if_no_room(&state, declared_bytes.unwrap_or(0))?;
     let target = Target { upload: state.store.begin_upload()?, max_bytes };
     let (received, declared) = if is_form {
         receive_form(request, target, declared).await?
@@ -202,10 +206,16 @@ fn declared_digest(headers: &HeaderMap, name: &'static str) -> Result<Option<[u8
     })
 }
 
-/// Refuses what is announced as too large before any of it is read.
-fn refuse_declared_length(headers: &HeaderMap, max_bytes: u64) -> Result<(), Problem> {
-    let declared = headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
-    if declared.is_some_and(|bytes| bytes > max_bytes) { Err(too_large(max_bytes)) } else { Ok(()) }
+fn content_length(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}
+
+fn refuse_if_no_room(state: &AppState, needed_bytes: u64) -> Result<(), Problem> {
+    let (free, reserve) = (state.store.free_bytes()?, state.configuration.disk_reserve_bytes);
+    if needed_bytes.saturating_add(reserve) > free {
+        return Err(Problem::storage_full(&format!("{needed_bytes} bytes wanted, {free} free, {reserve} in reserve")));
+    }
+    Ok(())
 }
 
 fn too_large(max_bytes: u64) -> Problem {

@@ -17,7 +17,7 @@ use std::time::Duration;
 use chrono::{DateTime, SubsecRound, Utc};
 use sqlx::migrate::{MigrateError, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Sqlite, SqlitePool, Transaction};
+use sqlx::{Connection as _, Sqlite, SqlitePool, Transaction};
 
 /// Why the store could not do what was asked.
 #[derive(Debug, thiserror::Error)]
@@ -109,7 +109,13 @@ impl Store {
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
             .busy_timeout(BUSY_TIMEOUT);
-        let pool = SqlitePoolOptions::new().max_connections(CONNECTIONS).connect_with(options).await?;
+        // When the disk is full SQLite ends a transaction by itself; sqlx does not notice, and could never begin another
+        // one on that connection.
+        let pool = SqlitePoolOptions::new()
+            .max_connections(CONNECTIONS)
+            .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
+            .connect_with(options)
+            .await?;
         let store = Self { pool, folder: folder.to_owned() };
         store.assert_durable().await?;
         migrations().run(&store.pool).await?;
@@ -151,6 +157,19 @@ impl Store {
     /// [`StoreError::Database`] if the lock is not had in time.
     pub async fn begin_write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
         Ok(self.pool.begin_with("BEGIN IMMEDIATE").await?)
+    }
+
+    /// Room that is left on the disk of the data folder.
+    ///
+    /// # Errors
+    /// [`StoreError::File`] if the operating system does not say.
+    pub fn free_bytes(&self) -> Result<u64, StoreError> {
+        let facts = rustix::fs::statvfs(&self.folder).map_err(|source| StoreError::File {
+            action: "cannot ask for the free space of",
+            path: self.folder.clone(),
+            source: source.into(),
+        })?;
+        Ok(facts.f_bavail.saturating_mul(facts.f_frsize))
     }
 
     /// Whether the database answers.

@@ -217,3 +217,12 @@ async fn sweep_removes_what_dead_uploads_left_and_nothing_else() {
     expected.sort();
     assert_eq!(left, expected);
 }
+
+#[tokio::test]
+async fn upload_that_would_fill_the_disk_is_refused_before_it_is_read() {
+    let service = Service::with(|configuration| configuration.disk_reserve_bytes = u64::MAX / 2).await;
+    service.upload("image/jpeg", jpeg(0)).await.problem(507);
+    assert_nothing_kept(&service);
+    let ready = service.get("/health/ready").await;
+    assert_eq!((ready.status.as_u16(), &ready.json()["not_ready"]["disk"]), (503, &"is full".into()));
+}
