@@ -1,21 +1,21 @@
 //! One attempt at one orientation: from the row to the row.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use tokio::sync::{broadcast, watch};
+use tokio::sync::watch;
 use uuid::Uuid;
 
 use super::request::{Prepared, Work};
+use super::watcher::{Signal, Watcher};
 use super::{Change, Inner, Orient};
 use crate::control::{self, ControlError};
 use crate::features::{Picture as _, PictureError};
 use crate::geometry::CrsError;
 use crate::imagery::{ImageFile, ImageryError, Limits};
 use crate::orientation::ControlPoint;
-use crate::pipeline::{Fault, Observer, Stage};
+use crate::pipeline::{Fault, Observer};
 use crate::report::overlay::Drawing;
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
@@ -23,6 +23,9 @@ use crate::store::orientations::{self, Failure, Finished, Orientation, Status};
 
 /// How often the progress of an attempt is written to its row.
 const NOTE_INTERVAL: Duration = Duration::from_millis(500);
+/// After the database has failed, before it is tried again; doubled each time, up to the longest.
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 
 /// Why an attempt has no result.
 #[derive(Debug, thiserror::Error)]
@@ -87,64 +90,6 @@ impl AttemptError {
     }
 }
 
-/// Ends an attempt early, from outside.
-#[derive(Debug)]
-pub(super) struct Signal {
-    interrupted: AtomicBool,
-    deadline: Instant,
-}
-
-impl Signal {
-    pub(super) fn interrupt(&self) {
-        self.interrupted.store(true, Ordering::Relaxed);
-    }
-
-    fn is_interrupted(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
-    }
-
-    fn is_late(&self) -> bool {
-        Instant::now() >= self.deadline
-    }
-}
-
-/// Listens to the pipeline: passes on where it is, measures its stages, and tells it to end.
-struct Watcher {
-    id: Uuid,
-    signal: Arc<Signal>,
-    changes: broadcast::Sender<Change>,
-    notes: watch::Sender<(&'static str, f64)>,
-    stage: Mutex<Option<(Stage, Instant)>>,
-}
-
-impl Observer for Watcher {
-    fn progress(&self, stage: Stage, fraction: f64) {
-        self.measure(Some(stage));
-        let change = Change { id: self.id, status: Status::Running, stage: Some(stage.name()), progress: fraction };
-        let _ = self.changes.send(change);
-        self.notes.send_replace((stage.name(), fraction));
-    }
-
-    fn cancelled(&self) -> bool {
-        self.signal.is_interrupted() || self.signal.is_late()
-    }
-}
-
-impl Watcher {
-    /// Records how long the last stage has taken when another one begins.
-    fn measure(&self, stage: Option<Stage>) {
-        let mut current = self.stage.lock().unwrap_or_else(PoisonError::into_inner);
-        if current.map(|(stage, _)| stage) == stage {
-            return;
-        }
-        if let Some((ended, began)) = current.take() {
-            let seconds = began.elapsed().as_secs_f64();
-            metrics::histogram!("gable_stage_duration_seconds", "stage" => ended.name()).record(seconds);
-        }
-        *current = stage.map(|stage| (stage, Instant::now()));
-    }
-}
-
 /// Orients one picture file: what the service does for an orientation, without the service.
 ///
 /// # Errors
@@ -178,51 +123,65 @@ struct Loaded {
     control: Vec<ControlPoint>,
 }
 
+/// What is written to the row at the end of an attempt.
+#[derive(Debug)]
+enum Ending {
+    /// The result.
+    Finished(Finished),
+    /// That there will be none.
+    GivenUp(Failure),
+    /// That it waits again; whether the attempt counts.
+    Again { counted: bool },
+    /// Nothing: it was cancelled, and its row says so already.
+    Cancelled,
+}
+
 impl Inner {
     /// Takes an orientation as far as it goes. Whatever happens, its row says so afterwards.
     pub(super) async fn attempt(self: Arc<Self>, id: Uuid) {
-        if let Err(error) = self.clone().attempted(id).await {
-            // the row stays as it is, and is taken up again at the next start
-            tracing::error!(%id, %error, "the outcome of an attempt could not be written");
-        }
-    }
-
-    async fn attempted(self: Arc<Self>, id: Uuid) -> Result<(), StoreError> {
-        let deadline = Instant::now() + self.settings.timeout;
-        let signal = Arc::new(Signal { interrupted: AtomicBool::new(false), deadline });
+        let signal = Signal::new(self.settings.timeout);
         // before the row says that it is running, so that a cancel finds it
         if self.running().insert(id, signal.clone()).is_some() {
             tracing::error!(%id, "the queue has delivered an orientation twice at a time");
         }
-        let result = match self.stopping.is_cancelled() {
-            true => Ok(()),
-            false => self.clone().under_signal(id, signal).await,
-        };
+        // whoever ends the service from now on finds the signal
+        if !self.stopping.is_cancelled() {
+            self.clone().under_signal(id, signal).await;
+        }
         self.running().remove(&id);
-        result
     }
 
-    async fn under_signal(self: Arc<Self>, id: Uuid, signal: Arc<Signal>) -> Result<(), StoreError> {
+    async fn under_signal(self: Arc<Self>, id: Uuid, signal: Arc<Signal>) {
         let lease = Uuid::now_v7();
-        let Some(orientation) = self.store.begin_attempt(id, lease).await? else {
-            return Ok(());
+        let Some(Some(orientation)) = self.insist(id, || self.store.begin_attempt(id, lease)).await else {
+            return;
         };
-        self.count_queue().await?;
-        let max_attempts = self.settings.max_attempts;
-        if orientation.attempts > max_attempts {
-            let detail = format!(
-                "given up: {max_attempts} attempts have ended without a result, perhaps together with the service"
-            );
-            return self.give_up(lease, id, &Failure { code: "given_up".to_owned(), detail }).await;
+        let ending = if orientation.attempts > self.settings.max_attempts {
+            self.too_often()
+        } else {
+            let _ = self.changes.send(Change { id, status: Status::Running, stage: None, progress: 0.0 });
+            let began = Instant::now();
+            let worked = self.clone().work(&orientation, lease, signal.clone()).await;
+            metrics::histogram!("gable_orientation_duration_seconds").record(began.elapsed().as_secs_f64());
+            worked.map_or_else(|error| self.ending(&orientation, &error, &signal), Ending::Finished)
+        };
+        self.insist(id, || self.write(lease, id, &ending)).await;
+    }
+
+    /// Tries until the database does it: it may be full or busy for a while. `None` if the service ends before; then
+    /// the next start takes it up.
+    async fn insist<T, F: Future<Output = Result<T, StoreError>>>(&self, id: Uuid, step: impl Fn() -> F) -> Option<T> {
+        let mut pause = FIRST_PAUSE;
+        while !self.stopping.is_cancelled() {
+            match step().await {
+                Ok(done) => return Some(done),
+                Err(error) => tracing::error!(%id, %error, "the row of an orientation cannot be written; trying again"),
+            }
+            let _ = tokio::time::timeout(pause, self.stopping.cancelled()).await;
+            pause = (2 * pause).min(LONGEST_PAUSE);
         }
-        let _ = self.changes.send(Change { id, status: Status::Running, stage: None, progress: 0.0 });
-        let began = Instant::now();
-        let worked = self.clone().work(&orientation, lease, signal.clone()).await;
-        metrics::histogram!("gable_orientation_duration_seconds").record(began.elapsed().as_secs_f64());
-        match worked {
-            Ok(finished) => self.finish(lease, id, &finished).await,
-            Err(error) => self.unfinished(lease, &orientation, &error, &signal).await,
-        }
+        // a last time: what has come out should not be lost to a service that ends in order
+        step().await.ok()
     }
 
     async fn work(
@@ -233,13 +192,11 @@ impl Inner {
     ) -> Result<Finished, AttemptError> {
         let Loaded { path, prepared, work, control } = self.load(orientation).await?;
         tracing::info!(id = %orientation.id, attempt = orientation.attempts, control_points = control.len(), "orienting");
-        let (notes, noted) = watch::channel(("", 0.0));
-        let watcher =
-            Watcher { id: orientation.id, signal, changes: self.changes.clone(), notes, stage: Mutex::default() };
+        let (watcher, noted) = Watcher::new(orientation.id, signal, self.changes.clone());
         let (orient, limits) = (self.orient.clone(), self.settings.limits.clone());
         let mut blocking = tokio::task::spawn_blocking(move || {
             let oriented = oriented(&orient, &path, &limits, &control, (&prepared, &work), &watcher);
-            watcher.measure(None);
+            watcher.end();
             oriented
         });
         let joined = tokio::select! {
@@ -278,59 +235,60 @@ impl Inner {
         }
     }
 
-    async fn finish(&self, lease: Uuid, id: Uuid, finished: &Finished) -> Result<(), StoreError> {
-        if self.store.finish(lease, id, finished).await? {
-            tracing::info!(%id, verdict = finished.verdict, "oriented");
-            self.ended(id, Status::Succeeded, Some(&finished.verdict));
-        }
-        Ok(())
-    }
-
-    async fn give_up(&self, lease: Uuid, id: Uuid, failure: &Failure) -> Result<(), StoreError> {
-        if self.store.fail(lease, id, failure).await? {
-            tracing::warn!(%id, code = failure.code, detail = failure.detail, "failed");
-            self.ended(id, Status::Failed, None);
-        }
-        Ok(())
-    }
-
     /// What becomes of an orientation after an attempt without a result.
-    async fn unfinished(
-        &self,
-        lease: Uuid,
-        orientation: &Orientation,
-        error: &AttemptError,
-        signal: &Signal,
-    ) -> Result<(), StoreError> {
-        let id = orientation.id;
+    fn ending(&self, orientation: &Orientation, error: &AttemptError, signal: &Signal) -> Ending {
         let interrupted = matches!(error, AttemptError::Interrupted);
         if interrupted && signal.is_late() {
             let seconds = self.settings.timeout.as_secs();
             let detail = format!("the attempt has taken longer than {seconds} s (set by `job_timeout_s`)");
-            return self.give_up(lease, id, &Failure { code: "timeout".to_owned(), detail }).await;
+            return Ending::GivenUp(Failure { code: "timeout".to_owned(), detail });
         }
-        let interrupted = interrupted && signal.is_interrupted();
-        if interrupted && !self.stopping.is_cancelled() {
-            // cancelled: its row has said so since, and keeps its word
-            return Ok(());
+        if interrupted && signal.is_interrupted() {
+            return if self.stopping.is_cancelled() { Ending::Again { counted: false } } else { Ending::Cancelled };
         }
         if let Some(failure) = error.failure() {
-            return self.give_up(lease, id, &failure).await;
+            return Ending::GivenUp(failure);
         }
-        if !interrupted {
-            tracing::error!(%id, attempt = orientation.attempts, %error, "an attempt has failed");
-        }
-        if !interrupted && orientation.attempts >= self.settings.max_attempts {
+        tracing::error!(id = %orientation.id, attempt = orientation.attempts, %error, "an attempt has failed");
+        if orientation.attempts >= self.settings.max_attempts {
             let detail = "the service has made a mistake; its log says more under this id".to_owned();
-            return self.give_up(lease, id, &Failure { code: "internal".to_owned(), detail }).await;
+            return Ending::GivenUp(Failure { code: "internal".to_owned(), detail });
         }
-        let mut transaction = self.store.begin_write().await?;
-        if orientations::release(&mut transaction, lease, id, !interrupted).await? {
-            self.queue.push(&mut transaction, id).await?;
-            transaction.commit().await?;
-            self.queue.announce();
+        Ending::Again { counted: true }
+    }
+
+    fn too_often(&self) -> Ending {
+        let attempts = self.settings.max_attempts;
+        let detail =
+            format!("given up: {attempts} attempts have ended without a result, perhaps together with the service");
+        Ending::GivenUp(Failure { code: "given_up".to_owned(), detail })
+    }
+
+    async fn write(&self, lease: Uuid, id: Uuid, ending: &Ending) -> Result<(), StoreError> {
+        match ending {
+            Ending::Finished(finished) => {
+                if self.store.finish(lease, id, finished).await? {
+                    tracing::info!(%id, verdict = finished.verdict, "oriented");
+                    self.ended(id, Status::Succeeded, Some(&finished.verdict));
+                }
+            }
+            Ending::GivenUp(failure) => {
+                if self.store.fail(lease, id, failure).await? {
+                    tracing::warn!(%id, code = failure.code, detail = failure.detail, "failed");
+                    self.ended(id, Status::Failed, None);
+                }
+            }
+            Ending::Again { counted } => {
+                let mut transaction = self.store.begin_write().await?;
+                if orientations::release(&mut transaction, lease, id, *counted).await? {
+                    self.queue.push(&mut transaction, id).await?;
+                    transaction.commit().await?;
+                    self.queue.announce();
+                }
+            }
+            Ending::Cancelled => {}
         }
-        Ok(())
+        self.count_queue().await
     }
 
     async fn count_queue(&self) -> Result<(), StoreError> {

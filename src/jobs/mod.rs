@@ -10,6 +10,7 @@ mod queue;
 pub mod request;
 #[cfg(test)]
 mod tests;
+mod watcher;
 
 use std::collections::HashMap;
 use std::fmt;
@@ -31,8 +32,8 @@ use crate::pipeline::{Fault, Observer, Outcome, Task};
 use crate::report::overlay::{self, Drawing};
 use crate::store::orientations::{self, NewOrientation, Orientation, Status};
 use crate::store::{Store, StoreError};
-use attempt::Signal;
 use queue::{Handler, Queue};
+use watcher::Signal;
 
 /// What is run for each image: [`crate::pipeline::orient`], or something simpler in tests.
 pub type Orient =

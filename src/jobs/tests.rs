@@ -351,6 +351,24 @@ async fn no_more_run_at_a_time_than_there_are_workers() {
     assert_eq!(most.load(Ordering::SeqCst), 2);
 }
 
+/// A disk that is full for a while costs no result.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_result_that_cannot_be_written_is_written_later() {
+    let bench = Bench::new().await;
+    let jobs = bench.jobs(quick());
+    let (_stop, _ended) = start(&jobs).await;
+    let refuse = "CREATE TRIGGER full BEFORE UPDATE ON orientations WHEN NEW.status = 'succeeded'
+                  BEGIN SELECT RAISE(ABORT, 'no room'); END";
+    sqlx::query(refuse).execute(bench.store.pool()).await.unwrap();
+    let wanted = bench.wanted();
+    jobs.submit(&wanted).await.unwrap();
+    let row = jobs.wait(wanted.id, Duration::from_millis(300)).await.unwrap().unwrap();
+    assert_eq!(row.status, Status::Running);
+    sqlx::query("DROP TRIGGER full").execute(bench.store.pool()).await.unwrap();
+    let row = jobs.wait(wanted.id, PATIENCE).await.unwrap().unwrap();
+    assert_eq!((row.status, row.attempts), (Status::Succeeded, 1));
+}
+
 /// The queue's own set-up would switch the syncing of commits off.
 #[tokio::test(flavor = "multi_thread")]
 async fn the_queue_leaves_the_database_durable() {
