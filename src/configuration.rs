@@ -97,7 +97,7 @@ impl Default for Configuration {
             image_max_pixels: 1_000_000_000,
             image_max_whole_pixels: 120_000_000,
             image_max_decode_bytes: 512 << 20,
-            connections_max: 1024,
+            connections_max: 4096,
             head_timeout_s: 10,
             body_idle_timeout_s: 30,
             body_min_bytes_per_s: 1000,

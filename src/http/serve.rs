@@ -10,6 +10,7 @@ use axum::Router;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::JoinSet;
@@ -25,7 +26,7 @@ const PAUSE_AFTER_FAILED_ACCEPT: Duration = Duration::from_millis(100);
 /// returns at the latest after `shutdown_timeout_s`.
 pub async fn serve(listener: TcpListener, app: Router, state: &AppState, stop: CancellationToken) {
     let configuration = &state.configuration;
-    let slots = Arc::new(Semaphore::new(configuration.connections_max));
+    let slots = Arc::new(Semaphore::new(slots_within_limits(configuration.connections_max)));
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(Duration::from_secs(configuration.head_timeout_s));
     let stall_max = Duration::from_secs(configuration.answer_idle_timeout_s);
@@ -51,6 +52,19 @@ pub async fn serve(listener: TcpListener, app: Router, state: &AppState, stop: C
     drop(listener);
     state.readiness.block("service", "is ending");
     drain(connections, Duration::from_secs(configuration.shutdown_timeout_s)).await;
+}
+
+/// Every connection needs a file descriptor, and a part of them must be left for the database and the pictures.
+fn slots_within_limits(wanted: usize) -> usize {
+    let limit = getrlimit(Resource::Nofile);
+    // the lower of the two limits is only a default, which a process may raise for itself
+    let raised = Rlimit { current: limit.maximum, ..limit };
+    let limit = if setrlimit(Resource::Nofile, raised).is_ok() { raised } else { limit };
+    let possible = limit.current.map_or(usize::MAX, |files| usize::try_from(files / 5 * 4).unwrap_or(usize::MAX));
+    if possible < wanted {
+        tracing::warn!(wanted, possible, "the limit of open files allows fewer connections than are configured");
+    }
+    wanted.min(possible)
 }
 
 /// Waits for a free slot first: what cannot be served stays in the queue of the operating system.
