@@ -53,7 +53,9 @@ pub(crate) struct Import {
 
 impl Import {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
-        let configuration = self.settings.gather(&[])?;
+        let quiet = std::env::var_os("GABLE_LOG").is_none().then(|| "warn".to_owned());
+        let configuration = self.settings.gather(&[("log", quiet)])?;
+        warn_of_heights(&self.crs, self.geoid_undulation_m);
         let parsed = parse(&self.file, self.crs, self.geoid_undulation_m).await?;
         let store = Store::open(&configuration.data).await?;
         let bar = bar(parsed.control_points.len());
@@ -74,6 +76,15 @@ impl Import {
             bail!("nothing was imported");
         }
         Ok(())
+    }
+}
+
+/// Says so where heights are taken as ellipsoidal for want of better knowledge.
+pub(super) fn warn_of_heights(crs: &Crs, geoid_undulation_m: Option<f64>) {
+    if crs.assumes_ellipsoidal_heights() && geoid_undulation_m.is_none() {
+        tracing::warn!(
+            "{crs} says nothing about heights: they are taken as ellipsoidal; --geoid-undulation-m makes them so"
+        );
     }
 }
 

@@ -225,6 +225,7 @@ impl Orient {
 
     async fn control_of_file(&self, file: &Path) -> anyhow::Result<sqlx::SqlitePool> {
         let crs = self.crs.clone().context("--control needs --crs, the CRS of its coordinates")?;
+        import::warn_of_heights(&crs, self.geoid_undulation_m);
         let parsed = import::parse(file, crs, self.geoid_undulation_m).await?;
         for rejection in &parsed.rejected {
             let name = rejection.name.as_deref().unwrap_or("without a name");

@@ -4,8 +4,8 @@ use axum::body::{Body, to_bytes};
 use axum::extract::{DefaultBodyLimit, Request, State};
 use axum::http::StatusCode;
 use bytes::Bytes;
-use serde::Deserialize;
-use utoipa::IntoParams;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -16,6 +16,7 @@ use super::state::AppState;
 use crate::control::geojson::{self, ControlPointFeature};
 use crate::control::{CollectionError, ControlError, GeodeticBox, ImportReport, Mode, Source, sqlite};
 use crate::geometry::Crs;
+use crate::report::Warning;
 
 const DEFAULT_CRS: &str = "EPSG:4979";
 
@@ -74,6 +75,16 @@ struct ReadQuery {
     geoid_undulation_m: Option<f64>,
 }
 
+/// What an import did.
+#[derive(Debug, Serialize, ToSchema)]
+struct ImportAnswer {
+    #[serde(flatten)]
+    report: ImportReport,
+    /// What the client should know besides.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<Warning>,
+}
+
 /// Import control points
 ///
 /// A GeoJSON `FeatureCollection`; each feature is one control point: a `MultiLineString` of segments (lines of two 3D
@@ -85,7 +96,7 @@ struct ReadQuery {
         (serde_json::Value = "application/geo+json"), (serde_json::Value = "application/json"),
     )),
     responses(
-        (status = 200, description = "What was imported, updated and rejected", body = ImportReport),
+        (status = 200, description = "What was imported, updated and rejected", body = ImportAnswer),
         (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Larger than this service accepts", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "Not a FeatureCollection, or an unknown CRS", body = Problem, content_type = "application/problem+json"),
@@ -96,20 +107,24 @@ async fn import(
     State(state): State<AppState>,
     Query(query): Query<ImportQuery>,
     request: Request,
-) -> Result<axum::Json<ImportReport>, Problem> {
+) -> Result<axum::Json<ImportAnswer>, Problem> {
     let crs = known_crs(&query.crs, query.geoid_undulation_m)?;
+    let ellipsoidal_assumed = crs.assumes_ellipsoidal_heights() && query.geoid_undulation_m.is_none();
+    let warnings = Vec::from_iter(ellipsoidal_assumed.then(|| Warning::vertical_assumed_ellipsoidal(&crs.to_string())));
     let kind = media_type(request.headers());
     if !matches!(kind.as_deref(), Some("application/geo+json" | "application/json")) {
         let given = kind.as_deref().unwrap_or("none");
         return Err(Problem::unsupported_type(format!("Content-Type is {given}; it must be application/geo+json")));
     }
     refuse_encoded(request.headers())?;
+    // each holds its body in memory
+    let _permit = state.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
     let body = whole_body(request.into_body(), state.configuration.import_max_bytes).await?;
     let parse = move || geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });
     let parsed = tokio::task::spawn_blocking(parse).await.map_err(|error| Problem::internal(&error))?;
     let report = sqlite::import(state.store.pool(), parsed?, query.mode, |_| {}).await?;
     tracing::info!(imported = report.imported, updated = report.updated, rejected = report.rejected.len(), "imported");
-    Ok(axum::Json(report))
+    Ok(axum::Json(ImportAnswer { report, warnings }))
 }
 
 async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {

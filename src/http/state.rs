@@ -5,11 +5,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use tokio::sync::Semaphore;
+
 use crate::configuration::Configuration;
 use crate::control::near::Reach;
 use crate::jobs::{Jobs, Orient, Settings};
 use crate::pipeline;
 use crate::store::{Store, StoreError};
+
+/// Imports hold their body in memory, and the database takes one writer at a time anyway.
+const IMPORTS: usize = 2;
 
 /// What all handlers share. Cheap to clone.
 #[derive(Debug, Clone)]
@@ -22,6 +27,8 @@ pub struct AppState {
     pub readiness: Readiness,
     /// Orientations: accepted, worked on, followed.
     pub jobs: Jobs,
+    /// Imports of control points at a time.
+    pub imports: Arc<Semaphore>,
     key_was_made: Arc<AtomicBool>,
 }
 
@@ -48,6 +55,7 @@ impl AppState {
             store,
             configuration: Arc::new(configuration),
             readiness: Readiness::default(),
+            imports: Arc::new(Semaphore::new(IMPORTS)),
             key_was_made: Arc::default(),
         }
     }

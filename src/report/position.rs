@@ -43,8 +43,9 @@ impl Warning {
         Self {
             code: "vertical_assumed_ellipsoidal".to_owned(),
             detail: format!(
-                "{crs} says nothing about heights: they were taken as heights above the ellipsoid. If they are above \
-                 the geoid, give \"vertical\": {{\"geoid_undulation_m\": N}} beside \"crs\"."
+                "{crs} says nothing about heights: they are taken as heights above the ellipsoid. If they are above the \
+                 geoid, give its undulation: \"vertical\": {{\"geoid_undulation_m\": N}} beside \"crs\", in a URL \
+                 &geoid_undulation_m=N."
             ),
         }
     }

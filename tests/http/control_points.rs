@@ -31,6 +31,9 @@ async fn import_tells_what_became_of_each_feature() {
     assert_eq!((&report["imported"], &report["updated"]), (&json!(2), &json!(0)));
     assert_eq!(report["rejected"][0]["index"], 1);
     assert!(report["rejected"][0]["detail"].as_str().unwrap().contains("properties"), "{report}");
+    assert_eq!(report["warnings"][0]["code"], "vertical_assumed_ellipsoidal");
+    let told = import(&service, "crs=EPSG:25833&geoid_undulation_m=40", &features[..1]).await.json();
+    assert!(told.get("warnings").is_none(), "{told}");
     let again = import(&service, "crs=EPSG:25833&mode=upsert", &features[..1]).await.json();
     assert_eq!((&again["imported"], &again["updated"]), (&json!(0), &json!(1)));
     let refused = import(&service, "crs=EPSG:25833&mode=insert", &features[..1]).await.json();

@@ -16,3 +16,4 @@ mod kill;
 mod orientations;
 mod sockets;
 mod support;
+mod tools;
