@@ -31,17 +31,17 @@ pub fn routes() -> OpenApiRouter<AppState> {
 #[serde(deny_unknown_fields)]
 pub struct CameraRequest {
     /// Unique; 1 to 200 characters. Images can be oriented with the camera by this name.
-    #[schema(example = "canon-sx260")]
+    #[schema(example = "canon-sx260", min_length = 1, max_length = 200)]
     name: String,
     /// Columns and rows of its images.
-    #[schema(example = json!([4000, 3000]))]
+    #[schema(example = json!([4000, 3000]), min_items = 2, max_items = 2)]
     image_size_px: [u32; 2],
     /// Distance of the projection centre from the image.
-    #[schema(example = 2890.0)]
+    #[schema(example = 2890.0, value_type = f64, exclusive_minimum = 0.0)]
     principal_distance_px: Option<f64>,
     /// Foot of the perpendicular from the projection centre, x to the right and y down from the corner of the top-left
     /// pixel.
-    #[schema(example = json!([2000.0, 1500.0]))]
+    #[schema(example = json!([2000.0, 1500.0]), value_type = Vec<f64>, min_items = 2, max_items = 2)]
     principal_point_px: Option<[f64; 2]>,
     /// Lens distortion; left out, there is none.
     distortion: Option<Distortion>,
@@ -101,10 +101,12 @@ struct CameraAnswer {
     /// Unique.
     name: String,
     /// Columns and rows of its images.
+    #[schema(min_items = 2, max_items = 2)]
     image_size_px: [u32; 2],
     /// Distance of the projection centre from the image.
     principal_distance_px: f64,
     /// Foot of the perpendicular from the projection centre.
+    #[schema(min_items = 2, max_items = 2)]
     principal_point_px: [f64; 2],
     /// Lens distortion.
     distortion: Distortion,
@@ -186,7 +188,7 @@ fn check_name(name: &str) -> Result<(), Problem> {
 /// The same name with the same content again is answered with 200 and the camera that is there.
 #[utoipa::path(
     post, path = "/cameras", operation_id = "add_camera", tag = "cameras", request_body = CameraRequest,
-    params(("Idempotency-Key" = Option<String>, Header, description = "Makes the request safe to repeat")),
+    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
     responses(
         (status = 201, description = "Added", body = CameraAnswer),
         (status = 200, description = "It was there already, the same", body = CameraAnswer),

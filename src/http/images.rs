@@ -63,7 +63,7 @@ struct PositionAnswer {
     #[schema(example = "EPSG:4326")]
     crs: &'static str,
     /// Longitude and latitude in degrees.
-    #[schema(example = json!([17.09, 52.16]))]
+    #[schema(example = json!([17.09, 52.16]), min_items = 2, max_items = 2)]
     coordinates: [f64; 2],
     /// Height above the geoid; often wrong by tens of metres.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -104,7 +104,7 @@ impl From<Image> for ImageAnswer {
     params(
         ("Content-Digest" = Option<String>, Header, description = "`sha-256=:<base64>:` of the body"),
         ("Repr-Digest" = Option<String>, Header, description = "`sha-256=:<base64>:` of the file"),
-        ("Idempotency-Key" = Option<String>, Header, description = "Makes the request safe to repeat"),
+        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat"),
     ),
     responses(
         (status = 201, description = "Stored", body = ImageAnswer),
