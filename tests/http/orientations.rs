@@ -74,7 +74,8 @@ fn held(gate: &Arc<AtomicBool>) -> Orient {
 struct Working {
     service: Service,
     image: String,
-    _stop: DropGuard,
+    stop: CancellationToken,
+    _guard: DropGuard,
 }
 
 impl Working {
@@ -88,7 +89,7 @@ impl Working {
             "principal_point_px": [32.0, 24.0]});
         assert_eq!(service.post("/api/v1/cameras", &camera).await.status, 201);
         let image = service.upload("image/png", png(7)).await.json()["id"].as_str().unwrap().to_owned();
-        Self { service, image, _stop: stop.drop_guard() }
+        Self { service, image, stop: stop.clone(), _guard: stop.drop_guard() }
     }
 
     fn request(&self) -> Value {
@@ -220,6 +221,25 @@ async fn events_tell_what_happens_and_end() {
     let text = String::from_utf8(working.get(&id, "/events").await.body.to_vec()).unwrap();
     assert!(text.starts_with("event: end"), "{text}");
     working.get("01a20225-f91a-7133-9892-18bd6449110e", "/events").await.problem(404);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_waits_or_listens_does_not_hold_up_the_end_of_the_service() {
+    let working = Working::with(held(&Arc::default())).await;
+    let id = id(&working.ask(&working.request(), &[]).await);
+    working.until(&id, "running").await;
+    let began = Instant::now();
+    let end = async {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        working.stop.cancel();
+    };
+    let request = working.request();
+    let (answer, events, ()) =
+        tokio::join!(working.ask(&request, &[("prefer", "wait=60")]), working.get(&id, "/events"), end);
+    assert_eq!(answer.status, 202);
+    assert!(!String::from_utf8_lossy(&events.body).contains("event: end"));
+    assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
+    assert_eq!(working.until(&id, "queued").await["attempts"], 0, "what was interrupted does not count");
 }
 
 #[tokio::test(flavor = "multi_thread")]
