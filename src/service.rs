@@ -53,6 +53,9 @@ pub struct Service {
 /// Orientations under way are told to end when the service is, and heed it between small pieces of work.
 const JOBS_END_PATIENCE: Duration = Duration::from_secs(3);
 
+/// What still holds a connection by then was cut off.
+const CLOSE_PATIENCE: Duration = Duration::from_secs(1);
+
 impl Service {
     /// Takes the data folder and the address, and tidies up what a former service has left.
     ///
@@ -103,6 +106,8 @@ impl Service {
         if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
             tracing::warn!("orientations under way do not end; they are taken up at the next start");
         }
-        self.state.store.close().await;
+        if tokio::time::timeout(CLOSE_PATIENCE, self.state.store.close()).await.is_err() {
+            tracing::warn!("the database is still in use; what was not acknowledged is rolled back");
+        }
     }
 }

@@ -3,10 +3,13 @@
 //! The client reads what is wrong and what would be right; never a path of the server, SQL, or a stack trace. The
 //! cause goes to the log, where the request's id leads to it.
 
+use std::fmt;
+
 use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use sqlx::error::DatabaseError;
 use utoipa::ToSchema;
 
 use super::request_id;
@@ -168,15 +171,21 @@ impl Problem {
 
     /// 500: a fault of the service. The cause is logged and not told.
     #[must_use]
-    pub fn internal(cause: &dyn std::fmt::Display) -> Self {
+    pub fn internal(cause: &dyn fmt::Display) -> Self {
         tracing::error!(%cause, "request failed by a fault of the service");
         let detail = "The service has made a mistake. Its log says more under the id of this request.";
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "urn:gable:problem:internal", "A fault of the service", detail)
     }
 
+    /// 503: others hold the database for too long.
+    fn busy(cause: &dyn fmt::Display) -> Self {
+        tracing::warn!(%cause, "the database is too busy");
+        Self::unavailable("The database is too busy.", 1)
+    }
+
     /// 507: the disk is full.
     #[must_use]
-    pub fn storage_full(cause: &dyn std::fmt::Display) -> Self {
+    pub fn storage_full(cause: &dyn fmt::Display) -> Self {
         tracing::error!(%cause, "the disk is full");
         let detail = "The service has no room left on its disk.";
         Self::new(StatusCode::INSUFFICIENT_STORAGE, "urn:gable:problem:storage-full", "No room left", detail)
@@ -233,20 +242,28 @@ impl IntoResponse for Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        let disk_is_full = match &error {
-            StoreError::File { source, .. } => source.kind() == std::io::ErrorKind::StorageFull,
-            // SQLITE_FULL
-            StoreError::Database { source: sqlx::Error::Database(error) } => error.code().as_deref() == Some("13"),
-            _ => false,
-        };
-        match error {
-            _ if disk_is_full => Self::storage_full(&error),
-            StoreError::Database { source: sqlx::Error::PoolTimedOut } => {
-                Self::unavailable("The database is too busy.", 1)
+        match &error {
+            StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
+                Self::storage_full(&error)
             }
+            StoreError::Database { source: sqlx::Error::PoolTimedOut } => Self::busy(&error),
+            StoreError::Database { source: sqlx::Error::Database(refusal) } => match sqlite_code(refusal.as_ref()) {
+                Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::busy(&error),
+                Some(SQLITE_FULL) => Self::storage_full(&error),
+                _ => Self::internal(&error),
+            },
             _ => Self::internal(&error),
         }
     }
+}
+
+const SQLITE_BUSY: i32 = 5;
+const SQLITE_LOCKED: i32 = 6;
+const SQLITE_FULL: i32 = 13;
+
+/// The primary result code: the low byte of the extended one.
+fn sqlite_code(refusal: &dyn DatabaseError) -> Option<i32> {
+    Some(refusal.code()?.parse::<i32>().ok()? & 0xff)
 }
 
 impl From<sqlx::Error> for Problem {

@@ -87,7 +87,7 @@ pub struct FolderLock {
 }
 
 const CONNECTIONS: u32 = 8;
-const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
 
 impl Store {
     /// Opens the data folder, makes what is missing, and brings the tables up to date.

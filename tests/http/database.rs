@@ -30,6 +30,18 @@ async fn disk_that_is_full_for_a_while_does_no_lasting_harm() {
     assert_eq!(check, "ok");
 }
 
+#[tokio::test]
+async fn database_that_others_hold_is_unavailable_not_at_fault() {
+    let service = Service::new().await;
+    let held = service.state.store.begin_write().await.unwrap();
+    let answer = service.post("/api/v1/cameras", &camera("late")).await;
+    answer.problem(503);
+    assert_eq!(answer.headers["retry-after"], "1");
+    assert_eq!(service.get("/api/v1/cameras").await.status, 200, "readers are not held up");
+    held.rollback().await.unwrap();
+    assert_eq!(service.post("/api/v1/cameras", &camera("late")).await.status, 201);
+}
+
 /// The limit belongs to a connection: all that there can be are taken out of the pool, and given back with it.
 async fn limit_pages(service: &Service, pages: i64) {
     let pool = service.state.store.pool();
