@@ -85,12 +85,13 @@ fn paths(tokens: TokenStream, depth: usize) -> Vec<Name> {
 
 /// Whether `#[cfg(test)]` is among the attributes right before.
 fn for_tests_only(before: &[TokenTree]) -> bool {
-    let attribute = |token: &&TokenTree| match token {
-        TokenTree::Group(group) => group.delimiter() == Delimiter::Bracket,
+    let belongs = |token: &&TokenTree| match token {
+        TokenTree::Group(group) => group.delimiter() != Delimiter::Brace,
         TokenTree::Punct(mark) => mark.as_char() == '#',
-        _ => false,
+        TokenTree::Ident(word) => word == "pub",
+        TokenTree::Literal(_) => false,
     };
-    before.iter().rev().take_while(attribute).any(|token| token.to_string().replace(' ', "") == "[cfg(test)]")
+    before.iter().rev().take_while(belongs).any(|token| token.to_string().replace(' ', "") == "[cfg(test)]")
 }
 
 /// The path or tree of paths at the beginning of `tokens`, and how many of the tokens it takes.
@@ -264,7 +265,7 @@ fn what_is_no_violation_is_none() {
         "use super::normal::Prior;", // in a folder's file, the room itself
         "//! As crate::store does.\n/// See [`crate::store::Store`].\nstruct A;",
         "fn f() -> &'static str { \"crate::store::Store and std::fs\" }",
-        "#[cfg(test)] #[allow(unused)] mod tests { use crate::store::Store; use std::fs; }",
+        "#[cfg(test)] #[allow(unused)] pub(crate) mod tests { use crate::store::Store; use std::fs; }",
         "use std::fmt; fn f(time: f64) -> Vec<f64> { Vec::<f64>::new() }",
     ];
     for source in harmless {

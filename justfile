@@ -1,0 +1,51 @@
+# What is done here day by day; `just` (https://just.systems) lists it. All of it works without `just` too.
+
+bench := env("GABLE_BENCH", "../shared/bench")
+
+[private]
+default:
+    @just --list
+
+# simulate a town, orient its photograph, compare with the truth, and serve
+demo *arguments:
+    cargo run --release -- demo {{arguments}}
+
+# all tests
+test:
+    cargo test --release
+
+# what .ci/run asks before the tests
+check:
+    cargo fmt --check
+    cargo clippy --release --all-targets --locked -- -D warnings
+
+# licences, advisories, sources (needs cargo-deny)
+deny:
+    cargo deny --locked check
+
+# renew the contract's copy in the repository
+openapi:
+    cargo run --release --quiet -- openapi > target/openapi.json
+    mv target/openapi.json openapi/gable.json
+
+# orient the real images of all datasets, with both approximations, and compare with their references
+bench-real:
+    #!/usr/bin/env bash
+    set -euo pipefail
+    cargo build --release
+    for dataset in boruszyn_wire boruszyn caliterra; do
+        # the two of boruszyn describe the same buildings: each gets a data folder of its own
+        data=$(mktemp -d)
+        target/release/gable serve --listen 127.0.0.1:8099 --data "$data" 2> "$data/log" & service=$!
+        trap 'kill $service; rm -rf "$data"' EXIT
+        until curl --fail --silent --output /dev/null http://127.0.0.1:8099/health/ready; do
+            kill -0 $service || { cat "$data/log"; exit 1; }
+            sleep 0.2
+        done
+        for approximation in attitude nadir; do
+            echo "== $dataset, $approximation"
+            {{bench}}/evaluate --url http://127.0.0.1:8099 --approximation $approximation {{bench}}/$dataset
+        done
+        trap - EXIT
+        kill $service; wait $service || true; rm -rf "$data"
+    done
