@@ -157,7 +157,7 @@ fn faults(room: &str, source: &str, depth: usize) -> Vec<String> {
             }
         }
         let impure = |begin: &&[&str]| name.iter().zip(*begin).filter(|(a, b)| a == b).count() == begin.len();
-        if PURE.contains(&room) && IMPURE.iter().any(|begin| impure(begin)) {
+        if PURE.contains(&room) && IMPURE.iter().any(impure) {
             faults.push(format!("{room} is pure and must not know {written}"));
         }
     }
@@ -253,7 +253,7 @@ fn a_violation_is_found_however_it_is_written() {
         let found = faults("estimation", violation, 1);
         assert_eq!(found.len(), 1, "{violation}: {found:?}");
         assert!(found[0].starts_with("estimation is pure"), "{found:?}");
-        assert_eq!(faults("http", violation, 1), [String::new(); 0], "not pure, and so free to");
+        assert_eq!(faults("http", violation, 1), Vec::<String>::new(), "not pure, and so free to");
     }
     assert_eq!(faults("parlour", "", 1), ["the room parlour is not in the table of this test"]);
 }
@@ -269,6 +269,6 @@ fn what_is_no_violation_is_none() {
         "use std::fmt; fn f(time: f64) -> Vec<f64> { Vec::<f64>::new() }",
     ];
     for source in harmless {
-        assert_eq!(faults("estimation", source, 2), [String::new(); 0], "{source}");
+        assert_eq!(faults("estimation", source, 2), Vec::<String>::new(), "{source}");
     }
 }
