@@ -1,8 +1,12 @@
 //! Least squares with covariance and redundancy, robust weights, spatial resection, consensus.
 
+pub mod consensus;
 pub mod normal;
 pub mod resection;
 pub mod robust;
+#[cfg(test)]
+pub(crate) mod simulated;
 
+pub use consensus::{Consensus, complete_search, quadruples};
 pub use normal::{NormalEquations, Prior};
 pub use resection::{PointObservation, Resection, resect};
