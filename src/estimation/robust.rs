@@ -7,7 +7,11 @@ pub enum Weighting {
     Convex,
     /// `exp(-t²/2)`: redescending, forgets what is far away. Only near the solution.
     Redescending,
+    /// All up to `t = 3.3` and nothing beyond: the last fit, with those that survived.
+    Rejecting,
 }
+
+const REJECTED_T: f64 = 3.3;
 
 impl Weighting {
     /// The factor of the weight for a squared standardised residual.
@@ -16,6 +20,7 @@ impl Weighting {
         match self {
             Self::Convex => 1.0 / (1.0 + t_squared / 2.0).sqrt(),
             Self::Redescending => (-t_squared / 2.0).exp(),
+            Self::Rejecting => f64::from(u8::from(t_squared <= REJECTED_T * REJECTED_T)),
         }
     }
 }

@@ -1,16 +1,18 @@
 //! Robust maximum-likelihood adjustment with all line segments (Förstner and Läbe step 3; Schickler 1992).
 //!
 //! Observed are the distances of a segment's ends from the projected edge, with the segment's covariance and the
-//! uncertainty of the edge's own ends; and, as long as a segment looks like the whole edge, the distances between
-//! their ends along it, released one by one. What the edges of one building have in common, an error of the model or
-//! a gutter taken for the rim of the roof, is an unknown shift of the building in the image with a prior: so a
-//! building of thirty edges does not outvote three of five.
+//! uncertainty of the edge's own ends. Nothing is observed along the edge: where a segment ends says little about
+//! where the edge ends (on real photographs the ends, even released one by one as in Schickler, made the result
+//! worse), and so a part of an edge serves as well as the whole. What the edges of one building have in common, an
+//! error of the model or a gutter taken for the rim of the roof, is an unknown shift of the building in the image with
+//! a prior: so a building of thirty edges does not outvote three of five.
 
-use nalgebra::{Matrix2, Matrix2x6, Matrix6, Matrix6x2, RowVector2, RowVector6, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix2x6, Matrix6, Matrix6x2, RowVector2, Vector2, Vector6};
 
 use super::ControlPoint;
 use super::extract::ObservedSegment;
 use super::matching::Match;
+use super::predict::Prediction;
 use crate::estimation::robust::Weighting;
 use crate::estimation::{NormalEquations, Prior};
 use crate::geometry::{Camera, ExteriorOrientation};
@@ -49,24 +51,31 @@ impl Adjustment {
     pub fn sigma0(&self) -> f64 {
         if self.redundancy == 0 { 1.0 } else { (self.squares / self.redundancy as f64).sqrt() }
     }
+
+    /// For predicting with it: its covariance is scaled where the observations fit worse than was assumed.
+    #[must_use]
+    pub fn prediction(&self) -> Prediction {
+        let inflation = self.sigma0().max(1.0).powi(2);
+        Prediction { orientation: self.orientation, covariance: self.covariance * inflation }
+    }
 }
 
 /// Standard deviation of the shift that all edges of a building share, beside that of its coordinates: 1 to 3 px
 /// were seen on real photographs (`../shared/bench/README.md`).
-const SIGMA_SHIFT_PX: f64 = 1.0;
-/// Standard deviation of the end of a segment along the edge: corners are rounded and detectors stop short.
-const SIGMA_END_PX: f64 = 3.0;
-/// Ends that are farther apart see different parts of the edge from the start.
-const FARTHEST_END_PX: f64 = 8.0;
-/// Rejection of what is left after the robust iterations (method 1.4).
-const REJECTED_T: f64 = 3.3;
-const STEPS: [Weighting; 6] = [
+pub const SIGMA_SHIFT_PX: f64 = 1.0;
+/// Which of the lines along the rim of a roof was measured as the edge, and which one the image shows, adds to the
+/// stated accuracy of the coordinates.
+const EDGE_DEFINITION: f64 = 1.5;
+/// The weights from step to step (method 1.4).
+const STEPS: [Weighting; 8] = [
     Weighting::Convex,
     Weighting::Convex,
     Weighting::Convex,
     Weighting::Redescending,
     Weighting::Redescending,
     Weighting::Redescending,
+    Weighting::Rejecting,
+    Weighting::Rejecting,
 ];
 
 /// Everything the adjustment reads.
@@ -87,21 +96,15 @@ impl Model<'_> {
     pub fn adjust(&self, buildings: Vec<Building>, start: &ExteriorOrientation) -> Option<Adjustment> {
         let mut orientation = *start;
         let mut buildings = buildings;
-        let weighting = |step: usize| STEPS.get(step).copied().map_or(Weight::Keep, Weight::Robust);
-        for step in 0..STEPS.len() + 2 {
-            let weight = weighting(step);
-            let linear: Vec<Linear> =
-                buildings.iter().map(|b| self.linear(b, &orientation, weight)).collect::<Option<_>>()?;
-            let equations = self.equations(&linear, &orientation);
-            let dx = equations.solve()?;
-            orientation = orientation.moved(&dx);
+        for weighting in STEPS {
+            let linear = self.linearised(&buildings, &orientation, weighting)?;
+            let step = self.equations(&linear, &orientation).solve()?;
+            orientation = orientation.moved(&step);
             for (building, own) in buildings.iter_mut().zip(&linear) {
-                building.shift_px += own.shift_step(&dx)?;
+                building.shift_px += own.shift_step(&step)?;
             }
         }
-        let weight = Weight::Keep;
-        let linear: Vec<Linear> =
-            buildings.iter().map(|b| self.linear(b, &orientation, weight)).collect::<Option<_>>()?;
+        let linear = self.linearised(&buildings, &orientation, Weighting::Rejecting)?;
         let equations = self.equations(&linear, &orientation);
         let away = orientation.step_to(&self.prior.orientation);
         let squares = linear.iter().map(|l| l.squares).sum::<f64>() + away.dot(&(self.prior.information * away));
@@ -117,6 +120,15 @@ impl Model<'_> {
         })
     }
 
+    fn linearised(
+        &self,
+        buildings: &[Building],
+        at: &ExteriorOrientation,
+        weighting: Weighting,
+    ) -> Option<Vec<Linear>> {
+        buildings.iter().map(|building| self.linear(building, at, weighting)).collect()
+    }
+
     fn equations(&self, linear: &[Linear], at: &ExteriorOrientation) -> NormalEquations {
         let mut equations = NormalEquations::new();
         equations.add_prior(self.prior, at);
@@ -126,16 +138,18 @@ impl Model<'_> {
         equations
     }
 
-    /// Standard deviation in the image of the coordinates of a control point.
+    /// Standard deviation in the image of the edges of a control point.
     fn sigma_model_px(&self, control_point: &ControlPoint, at: &ExteriorOrientation) -> f64 {
         let depth_m = -at.camera_coordinates(control_point.reference_m).z;
-        control_point.sigma_m * self.camera.principal_distance_px / depth_m.max(1.0)
+        EDGE_DEFINITION * control_point.sigma_m * self.camera.principal_distance_px / depth_m.max(1.0)
     }
 
-    fn linear(&self, building: &Building, at: &ExteriorOrientation, weight: Weight) -> Option<Linear> {
+    fn linear(&self, building: &Building, at: &ExteriorOrientation, weighting: Weighting) -> Option<Linear> {
         let control_point = &self.control[building.control_point];
         let sigma_model_px = self.sigma_model_px(control_point, at);
-        let mut linear = Linear::with_prior(building.shift_px, sigma_model_px.hypot(SIGMA_SHIFT_PX), weight);
+        // the stated accuracy of the coordinates moves the building as a whole as well
+        let shift_sigma_px = (sigma_model_px / EDGE_DEFINITION).hypot(SIGMA_SHIFT_PX);
+        let mut linear = Linear::with_prior(building.shift_px, shift_sigma_px);
         let mut pieces = vec![0_u32; control_point.edges_m.len()];
         for found in &building.matches {
             pieces[found.edge] += 1;
@@ -144,10 +158,7 @@ impl Model<'_> {
             let piece = self.piece(building, found, at)?;
             // the pieces of one edge share its errors: together they count as one
             let variance = sigma_model_px.powi(2) * f64::from(pieces[found.edge]);
-            linear.add_across(&piece, variance, weight);
-            for end in 0..2 {
-                linear.add_end(&piece, end, weight);
-            }
+            linear.add(&piece, variance, weighting);
         }
         Some(linear)
     }
@@ -163,49 +174,19 @@ impl Model<'_> {
         let length = (end - start).norm();
         let ends = [segment.segment_px.start, segment.segment_px.end];
         let at = ends.map(|p| along.dot(&(p - start)) / length);
-        // which end of the edge each end of the segment belongs to
-        let forward = at[1] >= at[0];
-        Some(Piece {
-            start,
-            end,
-            by_start,
-            by_end,
-            along,
-            ends,
-            at,
-            forward,
-            covariance: segment.covariance_across,
-        })
+        Some(Piece { start, by_start, by_end, along, ends, at, covariance: segment.covariance_across })
     }
 }
 
 /// An image segment with the projected edge that it is a piece of.
 struct Piece {
     start: Vector2<f64>,
-    end: Vector2<f64>,
     by_start: Matrix2x6<f64>,
     by_end: Matrix2x6<f64>,
     along: Vector2<f64>,
     ends: [Vector2<f64>; 2],
     at: [f64; 2],
-    forward: bool,
     covariance: Matrix2<f64>,
-}
-
-#[derive(Debug, Clone, Copy)]
-enum Weight {
-    Robust(Weighting),
-    /// All or nothing.
-    Keep,
-}
-
-impl Weight {
-    fn factor(self, t_squared: f64) -> f64 {
-        match self {
-            Self::Robust(weighting) => weighting.factor(t_squared),
-            Self::Keep => f64::from(u8::from(t_squared <= REJECTED_T * REJECTED_T)),
-        }
-    }
 }
 
 /// The linearised observations of a building: six parameters and its shift.
@@ -221,14 +202,8 @@ struct Linear {
 }
 
 impl Linear {
-    fn with_prior(shift_px: Vector2<f64>, sigma_px: f64, weight: Weight) -> Self {
-        // a building that lies elsewhere loses its hold on the orientation, not its shift
-        let t_squared = shift_px.norm_squared() / (2.0 * sigma_px.powi(2));
-        let factor = match weight {
-            Weight::Robust(weighting) => weighting.factor(t_squared),
-            Weight::Keep => Weighting::Redescending.factor((t_squared - 4.0).max(0.0)),
-        };
-        let information = factor.max(1e-6) / sigma_px.powi(2);
+    fn with_prior(shift_px: Vector2<f64>, sigma_px: f64) -> Self {
+        let information = sigma_px.powi(-2);
         Self {
             matrix: Matrix6::zeros(),
             right_side: Vector6::zeros(),
@@ -241,7 +216,7 @@ impl Linear {
         }
     }
 
-    fn add_across(&mut self, piece: &Piece, model_variance: f64, weight: Weight) {
+    fn add(&mut self, piece: &Piece, model_variance: f64, weighting: Weighting) {
         let normal = RowVector2::new(-piece.along.y, piece.along.x);
         let mut jacobian = Matrix2x6::zeros();
         let mut model = Matrix2::zeros();
@@ -257,7 +232,7 @@ impl Linear {
             return;
         };
         let squares = misclosure.dot(&(weights * misclosure));
-        let factor = weight.factor(squares / 2.0);
+        let factor = weighting.factor(squares / 2.0);
         self.kept.push(factor > 0.1);
         let by_shift = Matrix2::from_rows(&[normal, normal]);
         let weights = weights * factor;
@@ -268,29 +243,6 @@ impl Linear {
         self.shift_right_side += by_shift.transpose() * weights * misclosure;
         self.squares += factor * squares;
         self.observations += if factor > 0.0 { 2 } else { 0 };
-    }
-
-    /// The distance along the edge between an end of the segment and that of the edge.
-    fn add_end(&mut self, piece: &Piece, end: usize, weight: Weight) {
-        let to_edge_end = (end == 1) == piece.forward;
-        let (model, by_parameters) =
-            if to_edge_end { (piece.end, &piece.by_end) } else { (piece.start, &piece.by_start) };
-        let along: RowVector2<f64> = piece.along.transpose();
-        let misclosure = (along * (piece.ends[end] - model)).x;
-        if misclosure.abs() > FARTHEST_END_PX {
-            return;
-        }
-        let t_squared = (misclosure / SIGMA_END_PX).powi(2);
-        let factor = weight.factor(t_squared);
-        let information = factor / SIGMA_END_PX.powi(2);
-        let jacobian: RowVector6<f64> = along * by_parameters;
-        self.matrix += jacobian.transpose() * jacobian * information;
-        self.right_side += jacobian.transpose() * misclosure * information;
-        self.coupling += jacobian.transpose() * along * information;
-        self.shift_matrix += along.transpose() * along * information;
-        self.shift_right_side += along.transpose() * misclosure * information;
-        self.squares += factor * t_squared;
-        self.observations += usize::from(factor > 0.0);
     }
 
     /// Eliminates the shift.

@@ -72,8 +72,7 @@ pub fn shift_map(
 ) -> ShiftMap {
     let half = (clustering.half_width_px / clustering.cell_px).ceil().max(1.0) as usize;
     let size = 2 * half + 1;
-    let mut map =
-        ShiftMap { predicted_px, cell_px: clustering.cell_px, size, values: vec![0.0; size * size] };
+    let mut map = ShiftMap { predicted_px, cell_px: clustering.cell_px, size, values: vec![0.0; size * size] };
     let mut layers = Layers { coarse: vec![0.0; size * size], fine: vec![0.0; size * size] };
     let reach = edges_px.iter().map(|e| (e.start - predicted_px).norm().max((e.end - predicted_px).norm()));
     let reach = reach.fold(0.0, f64::max) + clustering.half_width_px;
@@ -107,8 +106,11 @@ struct Layers {
 /// Adds to each cell the length of the edge that the segment covers under that shift.
 fn vote(edge: &Segment2, segment: &ObservedSegment, map: &ShiftMap, layer: &mut [f32]) {
     let edge_length = edge.length();
-    let (shorter, longer) =
-        if edge_length < segment.length_px { (edge_length, segment.length_px) } else { (segment.length_px, edge_length) };
+    let (shorter, longer) = if edge_length < segment.length_px {
+        (edge_length, segment.length_px)
+    } else {
+        (segment.length_px, edge_length)
+    };
     let reach = (longer + shorter) / 2.0;
     let middle = (map.size / 2) as f64;
     let shift = (segment.segment_px.midpoint() - edge.midpoint()) / map.cell_px;
@@ -136,8 +138,7 @@ fn vote(edge: &Segment2, segment: &ObservedSegment, map: &ShiftMap, layer: &mut 
             continue;
         }
         let place = place as usize;
-        let (cell, stride) =
-            if by_column { (place * map.size + step, map.size) } else { (step * map.size + place, 1) };
+        let (cell, stride) = if by_column { (place * map.size + step, map.size) } else { (step * map.size + place, 1) };
         layer[cell] += overlap;
         layer[cell - stride] += BESIDE * overlap;
         layer[cell + stride] += BESIDE * overlap;

@@ -30,10 +30,10 @@ const LEAST_OVERLAP: f64 = 0.5;
 /// And be no shorter than this.
 const SHORTEST_PX: f64 = 12.0;
 
-/// For each edge the segments along it: those of the fine level, and where there are none the coarse ones. Each
+/// For each edge that is in view the segments along it: those of the fine level, and where there are none the coarse ones. Each
 /// segment goes to the edge that it is nearest to.
 #[must_use]
-pub fn matches(edges_px: &[Segment2], observed: &[ObservedSegment], nearness: &Nearness) -> Vec<Match> {
+pub fn matches(edges_px: &[Option<Segment2>], observed: &[ObservedSegment], nearness: &Nearness) -> Vec<Match> {
     let mut found: Vec<Match> = Vec::new();
     let mut of_edge = vec![[false; 2]; edges_px.len()];
     let around = Around::of(edges_px, nearness.distance_px);
@@ -42,7 +42,7 @@ pub fn matches(edges_px: &[Segment2], observed: &[ObservedSegment], nearness: &N
             continue;
         }
         let candidates = edges_px.iter().enumerate().filter_map(|(edge, model)| {
-            let (at, distance) = fits(model, segment, nearness)?;
+            let (at, distance) = fits(model.as_ref()?, segment, nearness)?;
             Some((Match { edge, segment: index, at }, distance))
         });
         if let Some((best, _)) = candidates.min_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -78,8 +78,8 @@ struct Around {
 }
 
 impl Around {
-    fn of(edges: &[Segment2], margin: f64) -> Self {
-        let ends = || edges.iter().flat_map(|e| [e.start, e.end]);
+    fn of(edges: &[Option<Segment2>], margin: f64) -> Self {
+        let ends = || edges.iter().flatten().flat_map(|e| [e.start, e.end]);
         let least = ends().fold(Vector2::repeat(f64::INFINITY), |a, b| a.inf(&b));
         let largest = ends().fold(Vector2::repeat(f64::NEG_INFINITY), |a, b| a.sup(&b));
         Self { least: least.add_scalar(-margin), largest: largest.add_scalar(margin) }

@@ -3,10 +3,13 @@
 pub mod adjust;
 pub mod collect;
 pub mod extract;
+pub mod gate;
+mod hypotheses;
 pub mod locate;
 pub mod matching;
 pub mod predict;
 pub mod search;
+pub mod select;
 
 use nalgebra::Vector3;
 

@@ -24,19 +24,27 @@ pub struct Approximation {
 const SIGMA_UNKNOWN_KAPPA_RAD: f64 = std::f64::consts::PI / 1.732_050_807_568_877_2;
 
 impl Approximation {
-    /// As an observation of the six parameters; `None` for angles at which omega, phi and kappa fail.
+    /// As an observation of the six parameters. Where nothing is known of kappa, that of `near` is taken, so that
+    /// the way from the one to the other is short enough to be linear. `None` for angles at which omega, phi and
+    /// kappa fail.
     #[must_use]
-    pub fn prior(&self) -> Option<Prior> {
+    pub fn prior(&self, near: &ExteriorOrientation) -> Option<Prior> {
+        let [omega, phi, kappa] = rotation::angles(&self.orientation.camera_from_object);
+        let (kappa, sigma_kappa_rad) = match self.sigma_kappa_rad {
+            Some(sigma) => (kappa, sigma),
+            None => (rotation::angles(&near.camera_from_object)[2], SIGMA_UNKNOWN_KAPPA_RAD),
+        };
+        let camera_from_object = rotation::camera_from_object(omega, phi, kappa);
+        let theta_by_angles = rotation::angles_by_theta(&camera_from_object)?.try_inverse()?;
         let tilt = self.sigma_tilt_rad.powi(2);
-        let kappa = self.sigma_kappa_rad.unwrap_or(SIGMA_UNKNOWN_KAPPA_RAD).powi(2);
-        let theta_by_angles = rotation::angles_by_theta(&self.orientation.camera_from_object)?.try_inverse()?;
-        let theta = theta_by_angles * Matrix3::from_diagonal(&Vector3::new(tilt, tilt, kappa)) * theta_by_angles.transpose();
+        let of_angles = Matrix3::from_diagonal(&Vector3::new(tilt, tilt, sigma_kappa_rad.powi(2)));
+        let theta = theta_by_angles * of_angles * theta_by_angles.transpose();
         let mut information = Matrix6::zeros();
         for (k, sigma) in self.sigma_position_m.iter().enumerate() {
             information[(k, k)] = sigma.powi(-2);
         }
         information.fixed_view_mut::<3, 3>(3, 3).copy_from(&theta.try_inverse()?);
-        Some(Prior { orientation: self.orientation, information })
+        Some(Prior { orientation: ExteriorOrientation { camera_from_object, ..self.orientation }, information })
     }
 }
 
@@ -52,7 +60,12 @@ pub struct Prediction {
 impl Prediction {
     /// The image of a point in reduced pixels with its covariance; `None` behind the camera.
     #[must_use]
-    pub fn image_of(&self, camera: &Camera, point_m: Vector3<f64>, sigma_m: f64) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    pub fn image_of(
+        &self,
+        camera: &Camera,
+        point_m: Vector3<f64>,
+        sigma_m: f64,
+    ) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let c = camera.principal_distance_px;
         let (image, jacobian) = self.orientation.reduced_px_with_jacobian(c, point_m)?;
         let depth_m = -self.orientation.camera_coordinates(point_m).z;
@@ -69,17 +82,25 @@ pub fn on_frame(camera: &Camera, reduced_px: Vector2<f64>, margin_px: f64) -> bo
         && camera.contains(camera.pixel_from_reduced(reduced_px), margin_px)
 }
 
-/// The edges of a control point in reduced pixels, one for each edge that lies before the camera; an edge whose middle
-/// is not on the frame, or that lies behind the camera, is a point without length where `keep_places` is set and left
-/// out where it is not.
+/// The edges of a control point in reduced pixels; `None` for an edge that lies behind the camera.
 #[must_use]
-pub fn edges_px(camera: &Camera, orientation: &ExteriorOrientation, control_point: &ControlPoint, keep_places: bool) -> Vec<Segment2> {
-    let c = camera.principal_distance_px;
-    let edges = control_point.edges_m.iter().filter_map(|edge| {
-        let seen = orientation.reduced_px(c, edge.start).zip(orientation.reduced_px(c, edge.end));
-        let seen = seen.map(|(start, end)| Segment2 { start, end }).filter(|e| on_frame(camera, e.midpoint(), 0.0));
-        let nowhere = Segment2 { start: Vector2::zeros(), end: Vector2::zeros() };
-        seen.or(keep_places.then_some(nowhere))
-    });
-    edges.collect()
+pub fn edges_px(
+    camera: &Camera,
+    orientation: &ExteriorOrientation,
+    control_point: &ControlPoint,
+) -> Vec<Option<Segment2>> {
+    let image = |point| orientation.reduced_px(camera.principal_distance_px, point);
+    let edges = control_point.edges_m.iter();
+    edges.map(|edge| Some(Segment2 { start: image(edge.start)?, end: image(edge.end)? })).collect()
+}
+
+/// The same, and `None` for an edge whose middle is not on the frame too.
+#[must_use]
+pub fn edges_on_frame_px(
+    camera: &Camera,
+    orientation: &ExteriorOrientation,
+    control_point: &ControlPoint,
+) -> Vec<Option<Segment2>> {
+    let edges = edges_px(camera, orientation, control_point).into_iter();
+    edges.map(|edge| edge.filter(|e| on_frame(camera, e.midpoint(), 0.0))).collect()
 }

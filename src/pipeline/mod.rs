@@ -1,12 +1,16 @@
 //! Runs the stages and the diagnosis for one image, reports progress, and obeys a cancel.
 
-use nalgebra::{Matrix6, Vector2, Vector3};
+mod outcome;
+mod run;
+
+use nalgebra::{Matrix6, Vector2};
 
 use crate::diagnosis::Diagnosis;
-use crate::features::{Picture, PictureError};
+use crate::features::PictureError;
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
-use crate::orientation::ControlPoint;
 
+pub use self::run::orient;
+pub use crate::diagnosis::precision::GroundPrecision;
 pub use crate::orientation::predict::Approximation;
 
 /// The largest planimetric error on the ground that the user can accept.
@@ -114,17 +118,6 @@ pub struct EdgeResult {
     pub matched_px: Vec<Segment2>,
 }
 
-/// The predicted precision of one point of the ground, if the orientation is right.
-#[derive(Debug, Clone, PartialEq)]
-pub struct GroundPrecision {
-    /// The image point, in pixels of the file.
-    pub image_px: Vector2<f64>,
-    /// Where its ray meets the horizontal plane at the mean height of the control used.
-    pub ground_m: Vector3<f64>,
-    /// sqrt(variance east + variance north).
-    pub sigma_planimetric_m: f64,
-}
-
 /// All that is known of the image afterwards.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
@@ -150,18 +143,4 @@ pub enum Fault {
     /// The observer asked for it.
     #[error("cancelled")]
     Cancelled,
-}
-
-/// Orients one image by the control points around it (given in the same local tangent plane as the approximation;
-/// those that cannot be in view are ignored).
-///
-/// # Errors
-/// [`Fault`] if the picture cannot be read or the observer cancels.
-pub fn orient(
-    _picture: &dyn Picture,
-    _control: &[ControlPoint],
-    _task: &Task,
-    _observer: &dyn Observer,
-) -> Result<Outcome, Fault> {
-    Err(Fault::Cancelled)
 }

@@ -1,0 +1,228 @@
+//! Orientations from candidates: out of pairs, grown control point by control point, refined round by round.
+
+use super::extract::Extraction;
+use super::gate::{Gate, Located, Round, Scale, Seed, largest_sigma};
+use super::locate::{Clustering, Peak, shift_map};
+use super::predict::{Prediction, edges_on_frame_px, on_frame};
+use super::search::{Candidate, Hypothesis, Search, WIDE, cover, reach};
+use crate::estimation::{PointObservation, Prior, Resection, resect};
+use crate::features::PictureError;
+use crate::geometry::{ExteriorOrientation, Segment2};
+
+/// Candidates that are paired with one another.
+const PAIRED: usize = 260;
+/// Sum of squares of a pair with the prior beyond which they do not belong together (4 redundant observations,
+/// 99.99 %).
+const PAIR_GATE: f64 = 24.0;
+/// The best pairs, to which further control points are joined.
+const GROWN: usize = 300;
+const PEAKS_OF_A_WINDOW: usize = 10;
+/// Half the width of a narrow window: at least so many cells, or chance would be read from the thing itself.
+const LEAST_CELLS: f64 = 40.0;
+const WIDEST_PX: f64 = 300.0;
+/// The window in standard deviations of the prediction: the gate and a little more.
+const WINDOW_SIGMAS: f64 = 3.4;
+
+const ROUNDS: [Round; 3] = [
+    Round { scale: Scale { cell_px: 4.0, sigma_px: 6.0 }, direction_tolerance_rad: 0.10 },
+    Round { scale: Scale { cell_px: 3.0, sigma_px: 4.0 }, direction_tolerance_rad: 0.07 },
+    Round { scale: Scale { cell_px: 2.0, sigma_px: 3.0 }, direction_tolerance_rad: 0.06 },
+];
+
+/// A pair that fits the prior, before others are joined.
+struct Pair {
+    rating: f64,
+    seeds: [Seed; 2],
+    start: ExteriorOrientation,
+}
+
+impl Search<'_> {
+    /// Orientations from pairs of candidates, best first, and how many pairs were oriented.
+    pub(super) fn from_pairs(
+        &self,
+        candidates: &[Vec<Candidate>],
+        cancelled: &dyn Fn() -> bool,
+    ) -> (Vec<Hypothesis>, usize) {
+        let mut strongest: Vec<(Seed, &ExteriorOrientation)> = Vec::new();
+        for (control_point, of_one) in candidates.iter().enumerate() {
+            strongest.extend(of_one.iter().map(|c| (Seed { control_point, peak: c.peak }, &c.view)));
+        }
+        strongest.sort_by(|a, b| b.0.peak.log_likelihood.total_cmp(&a.0.peak.log_likelihood));
+        strongest.truncate(PAIRED);
+        let peaks: Vec<Vec<Peak>> = candidates.iter().map(|c| c.iter().map(|c| c.peak).collect()).collect();
+        let mut pairs = Vec::new();
+        let mut examined = 0;
+        for (k, (second, _)) in strongest.iter().enumerate().take_while(|_| !cancelled()) {
+            for (first, view) in strongest[..k].iter().filter(|(s, _)| s.control_point != second.control_point) {
+                examined += 1;
+                pairs.extend(self.pair([*first, *second], view, &peaks));
+            }
+        }
+        pairs.sort_by(|a: &Pair, b| b.rating.total_cmp(&a.rating));
+        let best = pairs.iter().take(GROWN).take_while(|_| !cancelled());
+        let mut hypotheses: Vec<Hypothesis> =
+            best.filter_map(|pair| self.grown(&pair.seeds, &pair.start, &peaks, WIDE)).collect();
+        hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
+        (hypotheses, examined)
+    }
+
+    fn pair(&self, seeds: [Seed; 2], view: &ExteriorOrientation, peaks: &[Vec<Peak>]) -> Option<Pair> {
+        let prior = self.approximation.prior(view)?;
+        let fit = self.fit(&seeds, &prior, view, WIDE).filter(|fit| fit.squares < PAIR_GATE)?;
+        let prediction = Prediction { orientation: fit.orientation, covariance: fit.covariance };
+        Some(Pair { rating: self.rating(&prediction, peaks) - fit.squares / 2.0, seeds, start: fit.orientation })
+    }
+
+    fn fit(&self, seeds: &[Seed], prior: &Prior, start: &ExteriorOrientation, scale: Scale) -> Option<Resection> {
+        let observation = |seed: &Seed| PointObservation {
+            object_m: self.control[seed.control_point].reference_m,
+            image_px: seed.peak.at_px,
+            sigma_px: scale.sigma_px,
+        };
+        let points: Vec<PointObservation> = seeds.iter().map(observation).collect();
+        resect(&points, Some(prior), start, self.camera.principal_distance_px)
+    }
+
+    /// Where a control point is expected.
+    fn gate(&self, control_point: usize, prediction: &Prediction, scale: Scale) -> Option<Gate> {
+        let reference = &self.control[control_point];
+        let (image, covariance) = prediction.image_of(self.camera, reference.reference_m, reference.sigma_m)?;
+        Gate::new(image, covariance, scale)
+    }
+
+    /// A quick measure of how much the candidates speak for a prediction.
+    fn rating(&self, prediction: &Prediction, peaks: &[Vec<Peak>]) -> f64 {
+        let of_one = |(control_point, peaks): (usize, &Vec<Peak>)| {
+            let gate = self.gate(control_point, prediction, WIDE)?;
+            // the covariance shrinks with every control point that joins: half of the open cells will be closed
+            gate.best(peaks).map(|(_, odds)| (odds + gate.log_open_cells / 2.0).max(0.0))
+        };
+        peaks.iter().enumerate().filter_map(of_one).sum()
+    }
+
+    /// Grows an orientation from its seeds: the control point that is surest under the present prediction joins,
+    /// then all is predicted anew. The score is the logarithm of the odds of all of them by the chain rule.
+    fn grown(
+        &self,
+        seeds: &[Seed],
+        start: &ExteriorOrientation,
+        peaks: &[Vec<Peak>],
+        scale: Scale,
+    ) -> Option<Hypothesis> {
+        let prior = self.approximation.prior(start)?;
+        let mut prediction =
+            Prediction { orientation: prior.orientation, covariance: prior.information.try_inverse()? };
+        let mut linearised_at = *start;
+        let mut joined: Vec<Seed> = Vec::new();
+        let mut located: Vec<Located> = Vec::new();
+        loop {
+            let next = match seeds.get(joined.len()) {
+                Some(seed) => {
+                    let odds = self.gate(seed.control_point, &prediction, scale)?.log_odds(&seed.peak);
+                    Some((*seed, odds))
+                }
+                None => self.surest(&joined, &prediction, peaks, scale),
+            };
+            let Some((seed, log_odds)) = next else { break };
+            joined.push(seed);
+            let Seed { control_point, peak } = seed;
+            located.push(Located { control_point, at_px: peak.at_px, sigma_px: scale.sigma_px, log_odds });
+            let fit = self.fit(&joined, &prior, &linearised_at, scale)?;
+            linearised_at = fit.orientation;
+            prediction = Prediction { orientation: fit.orientation, covariance: fit.covariance };
+        }
+        let score = located.iter().map(|l| l.log_odds).sum();
+        (located.len() >= 2).then_some(Hypothesis { prediction, located, score })
+    }
+
+    /// Of the control points that have not joined, the one whose best candidate has the largest odds, if any speaks
+    /// for the prediction.
+    fn surest(
+        &self,
+        joined: &[Seed],
+        prediction: &Prediction,
+        peaks: &[Vec<Peak>],
+        scale: Scale,
+    ) -> Option<(Seed, f64)> {
+        let free = (0..peaks.len()).filter(|k| joined.iter().all(|j| j.control_point != *k));
+        let best = free.filter_map(|control_point| {
+            let (peak, odds) = self.gate(control_point, prediction, scale)?.best(&peaks[control_point])?;
+            (odds > 0.0).then_some((Seed { control_point, peak }, odds))
+        });
+        best.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// A hypothesis after predicting, locating and orienting anew, round by round, with windows that close.
+    pub(super) fn refined(
+        &self,
+        hypothesis: &Hypothesis,
+        extraction: &mut Extraction,
+    ) -> Result<Option<Hypothesis>, PictureError> {
+        let mut current = hypothesis.clone();
+        for round in ROUNDS {
+            let peaks = self.locate_narrow(&current.prediction, extraction, round)?;
+            // the two that are surest under the old prediction start the new one
+            let mut seeds: Vec<(Seed, f64)> = Vec::new();
+            for _ in 0..2 {
+                let taken: Vec<Seed> = seeds.iter().map(|s| s.0).collect();
+                seeds.extend(self.surest(&taken, &current.prediction, &peaks, round.scale));
+            }
+            let seeds: Vec<Seed> = seeds.into_iter().map(|s| s.0).collect();
+            match self.grown(&seeds, &current.prediction.orientation, &peaks, round.scale) {
+                Some(grown) => current = grown,
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(current))
+    }
+
+    /// The control points that are found where a prediction has them, with log odds of at least `least_log_odds`.
+    ///
+    /// # Errors
+    /// [`PictureError`] if the picture cannot be read there.
+    pub fn locate_where_predicted(
+        &self,
+        prediction: &Prediction,
+        extraction: &mut Extraction,
+        round: Round,
+        least_log_odds: f64,
+    ) -> Result<Vec<Located>, PictureError> {
+        let peaks = self.locate_narrow(prediction, extraction, round)?;
+        let located = peaks.iter().enumerate().filter_map(|(control_point, of_one)| {
+            let (peak, log_odds) = self.gate(control_point, prediction, round.scale)?.best(of_one)?;
+            let located = Located { control_point, at_px: peak.at_px, sigma_px: round.scale.sigma_px, log_odds };
+            (log_odds >= least_log_odds).then_some(located)
+        });
+        Ok(located.collect())
+    }
+
+    /// The candidates of all control points on the frame, in windows given by the prediction's covariance.
+    fn locate_narrow(
+        &self,
+        prediction: &Prediction,
+        extraction: &mut Extraction,
+        round: Round,
+    ) -> Result<Vec<Vec<Peak>>, PictureError> {
+        let mut candidates = vec![Vec::new(); self.control.len()];
+        for (of_one, reference) in candidates.iter_mut().zip(self.control) {
+            let expected = prediction.image_of(self.camera, reference.reference_m, reference.sigma_m);
+            let Some((predicted, covariance)) = expected.filter(|(p, _)| on_frame(self.camera, *p, 0.0)) else {
+                continue;
+            };
+            let Scale { cell_px, sigma_px } = round.scale;
+            let sigma = largest_sigma(&covariance).hypot(sigma_px);
+            let half_width_px = (WINDOW_SIGMAS * sigma).clamp(LEAST_CELLS * cell_px, WIDEST_PX);
+            let edges = edges_on_frame_px(self.camera, &prediction.orientation, reference);
+            let edges: Vec<Segment2> = edges.into_iter().flatten().collect();
+            let clustering = Clustering {
+                half_width_px,
+                cell_px,
+                direction_tolerance_rad: round.direction_tolerance_rad,
+                fine: true,
+            };
+            cover(extraction, self.camera, predicted, half_width_px + reach(&edges, predicted))?;
+            *of_one = shift_map(&edges, predicted, extraction.segments(), &clustering).peaks(PEAKS_OF_A_WINDOW);
+        }
+        Ok(candidates)
+    }
+}

@@ -1,0 +1,312 @@
+//! One image from its pixels to its verdict.
+
+use nalgebra::Matrix6;
+
+use super::outcome::{control_point_results, edge_results};
+use super::{Approximation, Estimate, Fault, GroundPrecision, Observer, Outcome, Stage, Task, Tolerance};
+use crate::diagnosis::thresholds::{Evidence, Thresholds, judge, not_oriented};
+use crate::diagnosis::{Diagnosis, Features, ground_precision, lambda_max, reference_covariance};
+use crate::estimation::{Consensus, PointObservation, Prior, Resection, complete_search, quadruples, resect};
+use crate::features::Picture;
+use crate::geometry::Camera;
+use crate::orientation::ControlPoint;
+use crate::orientation::adjust::{Adjustment, SIGMA_SHIFT_PX};
+use crate::orientation::collect::{adjust_with_lines, log_odds};
+use crate::orientation::extract::Extraction;
+use crate::orientation::gate::Located;
+use crate::orientation::predict::Prediction;
+use crate::orientation::search::{Hypothesis, Search};
+use crate::orientation::select::well_spread;
+
+/// Control points that an image is oriented by, at most: the search costs time for each, and a few dozen that are
+/// well spread say all.
+const MOST_CONTROL_POINTS: usize = 60;
+/// Hypotheses that are adjusted with lines: those whose log odds are not hopelessly behind the best.
+const ADJUSTED: usize = 6;
+const HOPELESSLY_BEHIND: f64 = 40.0;
+/// Orientations whose projection differs by less than this everywhere on the frame are one.
+const SAME_ORIENTATION_PX: f64 = 40.0;
+/// Version B's complete search up to so many points (848 subsets at 10, 3797 at 12), version A beyond.
+const COMPLETE_SEARCH_POINTS: usize = 12;
+const MOST_SUBSETS: usize = 4_000;
+/// Points of version A: C(30, 4) = 27 405 quadruples.
+const QUADRUPLE_POINTS: usize = 30;
+/// The paper's threshold for an acceptable reprojection (1.5 px), in units of the a-priori standard deviation.
+const LARGEST_SIGMA0: f64 = 1.5;
+/// The paper's T_C for the quadruples of version A.
+const ACCEPTABLE_CONFIGURATION: f64 = 10.0;
+/// The paper's tolerance t_e of a residual in version A.
+const TOLERANCE_PX: f64 = 10.0;
+
+/// Orients one image by the control points around it (given in the same local tangent plane as the approximation;
+/// those that cannot be in view are ignored).
+///
+/// # Errors
+/// [`Fault`] if the picture cannot be read or the observer cancels.
+pub fn orient(
+    picture: &dyn Picture,
+    control: &[ControlPoint],
+    task: &Task,
+    observer: &dyn Observer,
+) -> Result<Outcome, Fault> {
+    let run = Run { picture, task, observer };
+    run.enter(Stage::Predict, 0.0)?;
+    let control = well_spread(control, MOST_CONTROL_POINTS);
+    if control.is_empty() {
+        let detail = "no control point lies where this image can look: import control points for this area, or check \
+                      the approximate position";
+        return Ok(Outcome::without_orientation(not_oriented("no_control_in_view", detail.to_owned())));
+    }
+    if task.approximation.prior(&task.approximation.orientation).is_none() {
+        let detail = "the approximate rotation looks along the horizon (phi near 90 degrees), where omega and kappa are \
+                      not defined: only images that look down can be oriented";
+        return Ok(Outcome::without_orientation(not_oriented("approximation_degenerate", detail.to_owned())));
+    }
+    run.with(&control)
+}
+
+/// What all stages of a run share.
+struct Run<'a> {
+    picture: &'a dyn Picture,
+    task: &'a Task,
+    observer: &'a dyn Observer,
+}
+
+/// An orientation that was adjusted with lines.
+struct Solution {
+    adjustment: Adjustment,
+    log_odds: f64,
+    features: Features,
+}
+
+impl Run<'_> {
+    fn enter(&self, stage: Stage, fraction: f64) -> Result<(), Fault> {
+        self.observer.progress(stage, fraction);
+        if self.observer.cancelled() { Err(Fault::Cancelled) } else { Ok(()) }
+    }
+
+    fn with(&self, control: &[ControlPoint]) -> Result<Outcome, Fault> {
+        let Task { camera, approximation, .. } = self.task;
+        let search = Search { camera, control, approximation };
+        self.enter(Stage::Extract, 0.05)?;
+        let mut extraction = Extraction::new(self.picture, camera, typical_edge_px(control, camera, approximation));
+        self.enter(Stage::Locate, 0.1)?;
+        let (hypotheses, _) = search.run(&mut extraction, &|| self.observer.cancelled())?;
+        self.enter(Stage::Resect, 0.7)?;
+        let mut solutions = Vec::new();
+        let least_score = hypotheses.first().map_or(0.0, |best| best.score) - HOPELESSLY_BEHIND;
+        let promising = hypotheses.iter().take(ADJUSTED).filter(|h| h.score >= least_score);
+        for (k, hypothesis) in promising.enumerate() {
+            self.enter(Stage::Adjust, 0.75 + 0.2 * k as f64 / ADJUSTED as f64)?;
+            solutions.extend(self.solve(&search, hypothesis, &mut extraction)?);
+        }
+        self.enter(Stage::Diagnose, 0.97)?;
+        solutions.sort_by(|a: &Solution, b| b.log_odds.total_cmp(&a.log_odds));
+        let Some(best) = solutions.first() else {
+            return Ok(self.not_found(&search, &hypotheses));
+        };
+        let differs = |other: &&Solution| self.differ(&best.adjustment, &other.adjustment);
+        let runner_up = solutions.iter().skip(1).find(differs).map_or(0.0, |s| s.log_odds.max(0.0));
+        Ok(self.outcome(&search, &extraction, best, runner_up))
+    }
+
+    /// Points, then lines.
+    fn solve(
+        &self,
+        search: &Search,
+        hypothesis: &Hypothesis,
+        extraction: &mut Extraction,
+    ) -> Result<Option<Solution>, Fault> {
+        let Some(prior) = search.approximation.prior(&hypothesis.prediction.orientation) else { return Ok(None) };
+        let points = points(search, &hypothesis.located);
+        let Some(consensus) = self.consensus(&points, &prior, hypothesis) else { return Ok(None) };
+        let (start, features) = self.after_points(&points, &consensus, &prior);
+        let Some(adjustment) = adjust_with_lines(search, &start, extraction)? else { return Ok(None) };
+        let log_odds = log_odds(search, &adjustment.prediction(), extraction)?;
+        Ok(Some(Solution { adjustment, log_odds, features }))
+    }
+
+    /// Which of the located points agree: version B for few points, version A for many. Where no quadruple is
+    /// acceptable, or no subset fits, all stay: the search has chosen them to agree, and the lines will tell.
+    fn consensus(&self, points: &[PointObservation], prior: &Prior, hypothesis: &Hypothesis) -> Option<Consensus> {
+        let (start, c) = (&hypothesis.prediction.orientation, self.task.camera.principal_distance_px);
+        let found = if points.len() <= COMPLETE_SEARCH_POINTS {
+            complete_search(points, Some(prior), start, c, LARGEST_SIGMA0, MOST_SUBSETS)
+        } else {
+            let surest = &points[..points.len().min(QUADRUPLE_POINTS)];
+            let reference = self.reference(&hypothesis.prediction, points, prior);
+            let acceptable = |fit: &Resection| {
+                let lambda = reference.as_ref().and_then(|r| lambda_max(&fit.covariance, r));
+                lambda.is_some_and(|l| l <= ACCEPTABLE_CONFIGURATION)
+            };
+            quadruples(surest, Some(prior), start, c, &acceptable, TOLERANCE_PX, &|| self.observer.cancelled())
+        };
+        found.or_else(|| {
+            let resection = resect(points, Some(prior), start, c)?;
+            Some(Consensus { resection, inliers: (0..points.len()).collect(), trials: 1, complete: false })
+        })
+    }
+
+    fn after_points(
+        &self,
+        points: &[PointObservation],
+        consensus: &Consensus,
+        prior: &Prior,
+    ) -> (Prediction, Features) {
+        let fit = &consensus.resection;
+        let inflation = fit.sigma0().max(1.0).powi(2);
+        let prediction = Prediction { orientation: fit.orientation, covariance: fit.covariance * inflation };
+        let configuration = self
+            .reference(&prediction, points, prior)
+            .and_then(|reference| lambda_max(&fit.covariance, &reference))
+            .unwrap_or(f64::INFINITY);
+        let features = Features {
+            control_points: points.len(),
+            eliminated: points.len() - consensus.inliers.len(),
+            log_sigma0: fit.sigma0().max(SMALLEST_SIGMA0).ln(),
+            log_configuration: configuration.min(LARGEST_CONFIGURATION).ln(),
+        };
+        (prediction, features)
+    }
+
+    /// The covariance with four control points in the image corners, located as well as these.
+    fn reference(&self, prediction: &Prediction, points: &[PointObservation], prior: &Prior) -> Option<Matrix6<f64>> {
+        let count = points.len() as f64;
+        let height_m = points.iter().map(|p| p.object_m.z).sum::<f64>() / count;
+        let sigma_px = points.iter().map(|p| p.sigma_px).sum::<f64>() / count;
+        reference_covariance(&self.task.camera, &prediction.orientation, height_m, sigma_px, Some(prior))
+    }
+
+    /// Whether two adjusted orientations see the ground differently.
+    fn differ(&self, a: &Adjustment, b: &Adjustment) -> bool {
+        let camera = &self.task.camera;
+        let c = camera.principal_distance_px;
+        let turned = b.orientation.camera_from_object * a.orientation.camera_from_object.inverse();
+        let depth_px = (a.orientation.projection_centre_m - b.orientation.projection_centre_m).norm() * c
+            / a.orientation.projection_centre_m.z.abs().max(1.0);
+        turned.angle() * c + depth_px > SAME_ORIENTATION_PX
+    }
+
+    fn not_found(&self, search: &Search, hypotheses: &[Hypothesis]) -> Outcome {
+        let located = hypotheses.first().map_or(0, |h| h.located.len());
+        let detail = format!(
+            "of {} control points around, {located} were found where one orientation has them; at least two are needed to \
+             go on, and four for a verdict: the image may lie elsewhere, or show too little of the control",
+            search.control.len()
+        );
+        let code = if located == 0 { "nothing_located" } else { "not_determined" };
+        let mut outcome = Outcome::without_orientation(not_oriented(code, detail));
+        outcome.control_points = control_point_results(search, None, &[]);
+        outcome
+    }
+
+    fn outcome(&self, search: &Search, extraction: &Extraction, best: &Solution, runner_up: f64) -> Outcome {
+        let camera = &self.task.camera;
+        let adjustment = &best.adjustment;
+        let prediction = adjustment.prediction();
+        let height_m = mean_height_m(search.control, adjustment);
+        let ground = ground_precision(camera, &prediction.orientation, &prediction.covariance, height_m);
+        let diagnosis = self.diagnosis(search, best, runner_up, &ground, height_m);
+        let configuration = self.configuration(search, adjustment, height_m);
+        Outcome {
+            estimate: Some(Estimate {
+                orientation: adjustment.orientation,
+                covariance: prediction.covariance,
+                sigma0: adjustment.sigma0(),
+                redundancy: adjustment.redundancy,
+                configuration: configuration.min(LARGEST_CONFIGURATION),
+            }),
+            control_points: control_point_results(search, Some(adjustment), extraction.segments()),
+            edges: edge_results(search, adjustment, extraction.segments()),
+            ground_precision: ground,
+            diagnosis,
+        }
+    }
+
+    fn diagnosis(
+        &self,
+        search: &Search,
+        best: &Solution,
+        runner_up: f64,
+        ground: &[GroundPrecision],
+        height_m: f64,
+    ) -> Diagnosis {
+        let adjustment = &best.adjustment;
+        let sigma = ground.iter().map(|g| g.sigma_planimetric_m).fold(0.0, f64::max);
+        let away = search.approximation.prior(&adjustment.orientation).map_or(f64::INFINITY, |prior| {
+            let step = adjustment.orientation.step_to(&prior.orientation);
+            step.dot(&(prior.information * step))
+        });
+        let depth_m = adjustment.orientation.projection_centre_m.z - height_m;
+        let evidence = Evidence {
+            features: best.features,
+            sigma0: adjustment.sigma0(),
+            configuration: self.configuration(search, adjustment, height_m),
+            control_points: adjustment.buildings.len(),
+            sigma_planimetric_m: if ground.len() == 9 { sigma } else { f64::INFINITY },
+            tolerance_m: match self.task.tolerance {
+                Tolerance::Metres(metres) => metres,
+                Tolerance::Gsd(gsd) => gsd * depth_m / self.task.camera.principal_distance_px,
+            },
+            log_odds: best.log_odds,
+            runner_up_log_odds: runner_up,
+            distance_from_approximation: away,
+        };
+        judge(&evidence, &Thresholds::default())
+    }
+
+    /// lambda_max against four buildings in the image corners, as exactly known as these.
+    fn configuration(&self, search: &Search, adjustment: &Adjustment, height_m: f64) -> f64 {
+        let camera = &self.task.camera;
+        let orientation = &adjustment.orientation;
+        let depth_m = (orientation.projection_centre_m.z - height_m).max(1.0);
+        let count = adjustment.buildings.len().max(1) as f64;
+        let used = adjustment.buildings.iter().map(|b| search.control[b.control_point].sigma_m);
+        let sigma_m = used.sum::<f64>() / count;
+        let sigma_px = (sigma_m * camera.principal_distance_px / depth_m).hypot(SIGMA_SHIFT_PX);
+        let prior = search.approximation.prior(orientation);
+        reference_covariance(camera, orientation, height_m, sigma_px, prior.as_ref())
+            .and_then(|reference| lambda_max(&adjustment.covariance, &reference))
+            .unwrap_or(f64::INFINITY)
+    }
+}
+
+/// Logarithms stay finite.
+const SMALLEST_SIGMA0: f64 = 1e-3;
+const LARGEST_CONFIGURATION: f64 = 1e9;
+
+/// The located control points as observations, surest first.
+fn points(search: &Search, located: &[Located]) -> Vec<PointObservation> {
+    let mut located = located.to_vec();
+    located.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
+    let observation = |l: &Located| PointObservation {
+        object_m: search.control[l.control_point].reference_m,
+        image_px: l.at_px,
+        sigma_px: l.sigma_px,
+    };
+    located.iter().map(observation).collect()
+}
+
+/// The median length in the image of the edges, roughly: it decides at which resolutions segments are extracted.
+fn typical_edge_px(control: &[ControlPoint], camera: &Camera, approximation: &Approximation) -> f64 {
+    let centre_m = approximation.orientation.projection_centre_m;
+    let mut lengths_px: Vec<f64> = control
+        .iter()
+        .flat_map(|point| point.edges_m.iter())
+        .map(|edge| {
+            let depth_m = (centre_m.z - edge.midpoint().z).abs().max(1.0);
+            edge.length() * camera.principal_distance_px / depth_m
+        })
+        .collect();
+    let middle = lengths_px.len() / 2;
+    if lengths_px.is_empty() {
+        return 0.0;
+    }
+    *lengths_px.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// The mean height of the control used.
+fn mean_height_m(control: &[ControlPoint], adjustment: &Adjustment) -> f64 {
+    let heights = adjustment.buildings.iter().map(|b| control[b.control_point].reference_m.z);
+    heights.sum::<f64>() / adjustment.buildings.len().max(1) as f64
+}
