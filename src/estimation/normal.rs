@@ -89,3 +89,58 @@ pub struct Prior {
     /// Inverse covariance of the step away from it.
     pub information: Matrix6<f64>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::simulated::{Draws, flight};
+    use approx::assert_relative_eq;
+
+    /// Equations `jacobian * parameters = observed` of parameters in metres and radians.
+    fn linear(draws: &mut Draws, parameters: &Vector6<f64>, count: usize) -> NormalEquations {
+        let mut equations = NormalEquations::new();
+        for _ in 0..count {
+            let jacobian = Matrix2x6::from_fn(|_, column| draws.normal() * if column < 3 { 10.0 } else { 4000.0 });
+            let weight = Matrix2::new(2.0, 0.5, 0.5, 1.0);
+            equations.add(&jacobian, &(jacobian * parameters), &weight);
+        }
+        equations
+    }
+
+    #[test]
+    fn exact_equations_return_their_parameters_and_leave_no_squares() {
+        let mut draws = Draws::new(1);
+        let parameters = Vector6::new(1.0, -2.0, 3.0, 0.01, -0.02, 0.03);
+        let equations = linear(&mut draws, &parameters, 8);
+        let solved = equations.solve().unwrap();
+        assert_relative_eq!(solved, parameters, epsilon = 1e-11);
+        assert_relative_eq!(equations.squares, solved.dot(&equations.right_side), max_relative = 1e-12);
+        let identity = equations.matrix * equations.inverse().unwrap();
+        assert_relative_eq!(identity, Matrix6::identity(), epsilon = 1e-7);
+    }
+
+    #[test]
+    fn a_prior_pulls_to_its_orientation_with_its_weight() {
+        let step = Vector6::new(1.0, -2.0, 3.0, 0.01, -0.02, 0.03);
+        let prior = Prior { orientation: flight().moved(&step), information: Matrix6::identity() * 4.0 };
+        let mut equations = NormalEquations::new();
+        equations.add_prior(&prior, &flight());
+        assert_relative_eq!(equations.solve().unwrap(), step, epsilon = 1e-12);
+        assert_relative_eq!(equations.squares, 4.0 * step.norm_squared(), max_relative = 1e-12);
+        // as much again that says zero: the mean
+        equations.matrix += Matrix6::identity() * 4.0;
+        assert_relative_eq!(equations.solve().unwrap(), step / 2.0, epsilon = 1e-12);
+        assert_relative_eq!(equations.inverse().unwrap(), Matrix6::identity() / 8.0, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn undetermined_parameters_are_told() {
+        let mut draws = Draws::new(2);
+        let too_few = linear(&mut draws, &Vector6::repeat(1.0), 2);
+        assert_eq!((NormalEquations::new().solve(), NormalEquations::new().inverse()), (None, None));
+        assert_eq!(too_few.inverse(), None);
+        let mut broken = linear(&mut draws, &Vector6::repeat(1.0), 8);
+        broken.matrix[(2, 2)] = f64::NAN;
+        assert_eq!((broken.solve(), broken.inverse()), (None, None));
+    }
+}

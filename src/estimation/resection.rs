@@ -88,3 +88,94 @@ pub(crate) fn equations(
     }
     Some(equations)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::simulated::{Draws, PRINCIPAL_DISTANCE_PX as C, flight, points};
+    use approx::assert_relative_eq;
+    use nalgebra::Vector6;
+
+    /// Five degrees and fifty metres away.
+    fn far_start() -> ExteriorOrientation {
+        flight().moved(&Vector6::new(30.0, -35.0, 20.0, 0.05, -0.05, 0.05))
+    }
+
+    fn prior(orientation: ExteriorOrientation) -> Prior {
+        let sigmas = Vector6::new(0.5, 0.5, 0.8, 1e-3, 1e-3, 2e-3);
+        Prior { orientation, information: Matrix6::from_diagonal(&sigmas.map(|s| 1.0 / (s * s))) }
+    }
+
+    /// Means over many drawn surveys of the squared Mahalanobis distance of the result from the truth and of the
+    /// estimated variance factor, which should be 6 and 1.
+    fn claims_held(with_prior: bool) -> (f64, f64) {
+        let mut draws = Draws::new(17);
+        let runs = 1000;
+        let (mut distance, mut factor) = (0.0, 0.0);
+        for _ in 0..runs {
+            let points = points(&mut draws, &flight(), if with_prior { 5 } else { 9 }, 0.7);
+            let prior = with_prior.then(|| {
+                let covariance = prior(flight()).information.try_inverse().unwrap();
+                prior(flight().moved(&draws.normal6(&covariance)))
+            });
+            let result = resect(&points, prior.as_ref(), &far_start(), C).unwrap();
+            let step = result.orientation.step_to(&flight());
+            distance += step.dot(&(result.covariance.try_inverse().unwrap() * step));
+            factor += result.sigma0().powi(2);
+        }
+        (distance / f64::from(runs), factor / f64::from(runs))
+    }
+
+    #[test]
+    fn without_noise_the_truth_comes_back() {
+        let mut draws = Draws::new(11);
+        for _ in 0..50 {
+            let exact: Vec<_> = points(&mut draws, &flight(), 7, 0.0)
+                .into_iter()
+                .map(|point| PointObservation { sigma_px: 0.5, ..point })
+                .collect();
+            let result = resect(&exact, None, &far_start(), C).unwrap();
+            let (found, truth) = (result.orientation, flight());
+            assert_relative_eq!(found.projection_centre_m, truth.projection_centre_m, epsilon = 1e-7);
+            assert_relative_eq!(found.camera_from_object, truth.camera_from_object, epsilon = 1e-10);
+            assert!(result.squares < 1e-12);
+            assert_eq!(result.redundancy, 8);
+        }
+    }
+
+    #[test]
+    fn the_claimed_precision_is_the_true_one() {
+        for with_prior in [false, true] {
+            let (distance, factor) = claims_held(with_prior);
+            assert!((distance - 6.0).abs() < 0.35, "prior {with_prior}: squared distance {distance}");
+            assert!((factor - 1.0).abs() < 0.07, "prior {with_prior}: variance factor {factor}");
+        }
+    }
+
+    #[test]
+    fn a_prior_alone_gives_itself() {
+        let prior = prior(flight());
+        let result = resect(&[], Some(&prior), &far_start(), C).unwrap();
+        assert_relative_eq!(result.orientation.step_to(&flight()), Vector6::zeros(), epsilon = 1e-9);
+        assert_relative_eq!(result.covariance * prior.information, Matrix6::identity(), epsilon = 1e-9);
+        assert_eq!((result.redundancy, result.sigma0()), (0, 1.0));
+    }
+
+    #[test]
+    fn what_is_not_determined_has_no_result() {
+        let good = points(&mut Draws::new(12), &flight(), 6, 0.5);
+        let on_a_line = |k: f64| PointObservation { object_m: Vector3::new(30.0 * k, 20.0 * k, 10.0), ..good[0] };
+        let line: Vec<_> = [-2.0, -1.0, 0.0, 1.0, 2.0, 3.0]
+            .into_iter()
+            .map(on_a_line)
+            .map(|p| PointObservation { image_px: flight().reduced_px(C, p.object_m).unwrap(), ..p })
+            .collect();
+        let behind = PointObservation { object_m: Vector3::new(0.0, 0.0, 900.0), ..good[0] };
+        let one_behind = [&good[..], &[behind]].concat();
+        let nowhere = PointObservation { object_m: Vector3::repeat(f64::NAN), ..good[0] };
+        let weightless: Vec<_> = good.iter().map(|p| PointObservation { sigma_px: 0.0, ..*p }).collect();
+        for points in [&[][..], &good[..2], &[good[0]; 6], &line, &one_behind, &[nowhere; 6], &weightless] {
+            assert_eq!(resect(points, None, &flight(), C), None);
+        }
+    }
+}
