@@ -37,8 +37,8 @@ impl Default for Detection {
     }
 }
 
-/// A straight line segment, in pixels of the file, directed so that its brighter side is on its left (as seen with
-/// y downwards: the gradient is the direction turned by a quarter from x towards y, reversed).
+/// A straight line segment, in pixels of the file, directed so that its brighter side is on its left, as one sees it
+/// on the screen (y downwards): the gradient points against [`Segment2::normal`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineSegment {
     /// Its end points.
@@ -51,13 +51,14 @@ pub struct LineSegment {
     pub reduction: u32,
 }
 
-/// Standard deviation, in cells, of the position of a single edge pixel across its edge, at least: sampling and the
-/// parabola leave so much even without noise.
-const LEAST_EDGEL_SIGMA: f64 = 0.1;
-
+/// Scatter, in cells, of the edge pixels about their line, at least: sampling and the parabola leave so much without
+/// noise.
+const LEAST_SCATTER: f64 = 0.02;
+/// Standard deviation, in cells, of the shift that sampling gives to a whole edge along a row or column of pixels.
+const SIGMA_SHIFT: f64 = 0.02;
 /// Neighbouring edge pixels share the grey values that smoothing and gradient mixed; so many of them count as one.
-/// (Measured by the simulation in the tests below.)
-const CORRELATED_EDGELS: f64 = 2.2;
+/// (All three were measured on simulated edges, see the tests.)
+const CORRELATED_EDGELS: f64 = 2.9;
 
 /// The line segments of a window.
 #[must_use]
@@ -241,18 +242,22 @@ impl Fit {
     }
 
     /// The segment in pixels of the file, with its covariance: `sigma²/l [[4, -2], [-2, 4]]` for l edge pixels that
-    /// are independent (method 1.3).
+    /// are independent (method 1.3), of which the line took two for itself, and a shift of both ends alike.
     fn in_file(&self, window: &GreyWindow) -> LineSegment {
         let cell_px = f64::from(window.reduction);
         let origin = Vector2::new(f64::from(window.origin_px[0]), f64::from(window.origin_px[1]));
         let at = |u: f64| origin + cell_px * (self.centre + u * self.along);
-        let sigma_px = self.scatter.max(LEAST_EDGEL_SIGMA) * cell_px;
-        let variance = sigma_px.powi(2) * CORRELATED_EDGELS / self.count as f64;
+        let independent = self.count as f64 / CORRELATED_EDGELS;
+        let variance = self.scatter.max(LEAST_SCATTER).powi(2) / (independent - 2.0).max(1.0);
+        let covariance = Matrix2::new(4.0, -2.0, -2.0, 4.0) * variance + Matrix2::repeat(SIGMA_SHIFT.powi(2));
         LineSegment {
             segment: Segment2 { start: at(self.from), end: at(self.to) },
-            covariance_across: Matrix2::new(4.0, -2.0, -2.0, 4.0) * variance,
+            covariance_across: covariance * cell_px.powi(2),
             gradient: self.gradient / cell_px,
             reduction: window.reduction,
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
