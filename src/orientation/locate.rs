@@ -234,3 +234,126 @@ fn vertex(before: f64, here: f64, after: f64) -> f64 {
     let curvature = before - 2.0 * here + after;
     if curvature < -1e-9 { (0.5 * (before - after) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::simulated::Draws;
+    use crate::orientation::matching::tests::observed;
+
+    const CLUSTERING: Clustering =
+        Clustering { half_width_px: 100.0, cell_px: 2.0, direction_tolerance_rad: 0.1, fine: true };
+    const PREDICTED: Vector2<f64> = Vector2::new(700.0, -350.0);
+
+    fn between(start: Vector2<f64>, end: Vector2<f64>) -> Segment2 {
+        Segment2 { start, end }
+    }
+
+    /// A gabled roof about the predicted point: eaves, gables in two halves, ridge.
+    fn roof(angle_rad: f64) -> Vec<Segment2> {
+        let (along, across) =
+            (Vector2::new(angle_rad.cos(), angle_rad.sin()), Vector2::new(-angle_rad.sin(), angle_rad.cos()));
+        let at = |u: f64, v: f64| PREDICTED + u * along + v * across;
+        vec![
+            between(at(-70.0, -40.0), at(70.0, -40.0)),
+            between(at(-70.0, 40.0), at(70.0, 40.0)),
+            between(at(-70.0, 3.0), at(70.0, 3.0)),
+            between(at(-70.0, -40.0), at(-70.0, 3.0)),
+            between(at(-70.0, 40.0), at(-70.0, 3.0)),
+            between(at(70.0, -40.0), at(70.0, 3.0)),
+            between(at(70.0, 40.0), at(70.0, 3.0)),
+        ]
+    }
+
+    /// Pieces of a share of the edges, a pixel or so off, among other lines of all directions.
+    fn photograph(
+        draws: &mut Draws,
+        edges: &[Segment2],
+        shift: Vector2<f64>,
+        seen: f64,
+        clutter: usize,
+    ) -> Vec<ObservedSegment> {
+        let mut lines = Vec::new();
+        for edge in edges {
+            if draws.even(0.0, 1.0) < seen {
+                let (from, to) = (draws.even(0.0, 0.2), draws.even(0.7, 1.0));
+                let mut at = |share: f64| {
+                    edge.start + share * (edge.end - edge.start) + shift + Vector2::new(draws.normal(), draws.normal())
+                };
+                lines.push(observed(between(at(from), at(to)), lines.len() % 2 == 0));
+            }
+        }
+        for _ in 0..clutter {
+            let middle = PREDICTED + Vector2::new(draws.even(-200.0, 200.0), draws.even(-200.0, 200.0));
+            let (angle, half) = (draws.even(0.0, std::f64::consts::PI), draws.even(8.0, 50.0));
+            let half = half * Vector2::new(angle.cos(), angle.sin());
+            lines.push(observed(between(middle - half, middle + half), lines.len() % 2 == 0));
+        }
+        lines
+    }
+
+    /// In how many of 200 photographs the roof lies within `off_px` of one of the `most` best peaks.
+    fn located(seen: f64, clutter: usize, most: usize, off_px: f64) -> usize {
+        let found = |seed: &u64| {
+            let mut draws = Draws::new(*seed);
+            let edges = roof(draws.even(0.0, std::f64::consts::PI));
+            let shift = Vector2::new(draws.even(-80.0, 80.0), draws.even(-80.0, 80.0));
+            let lines = photograph(&mut draws, &edges, shift, seen, clutter);
+            let peaks = shift_map(&edges, PREDICTED, &lines, &CLUSTERING).peaks(most);
+            peaks.iter().any(|peak| (peak.at_px - PREDICTED - shift).amax() < off_px)
+        };
+        (0..200).filter(found).count()
+    }
+
+    #[test]
+    fn a_roof_is_found_among_other_lines() {
+        let best = located(0.8, 30, 1, CLUSTERING.cell_px);
+        assert!(best >= 190, "{best} of 200");
+        // where a third of the edges is not seen and there are ten times as many other lines, among the candidates
+        let candidates = located(0.67, 60, 5, 2.0 * CLUSTERING.cell_px);
+        assert!(candidates >= 185, "{candidates} of 200");
+    }
+
+    #[test]
+    fn the_peak_lies_at_the_shift_between_the_cells() {
+        let edges = roof(0.0);
+        for shift in [Vector2::new(0.0, 0.0), Vector2::new(31.0, -57.0), Vector2::new(-80.0, 44.6)] {
+            let lines: Vec<_> = edges.iter().map(|e| observed(between(e.start + shift, e.end + shift), true)).collect();
+            let peaks = shift_map(&edges, PREDICTED, &lines, &CLUSTERING).peaks(3);
+            assert!((peaks[0].at_px - PREDICTED - shift).amax() < CLUSTERING.cell_px, "{:?} for {shift}", peaks[0]);
+            assert!(peaks[0].log_likelihood > 10.0 && peaks.is_sorted_by(|a, b| a.log_likelihood >= b.log_likelihood));
+        }
+    }
+
+    #[test]
+    fn fine_segments_count_only_where_asked_for() {
+        let edges = roof(0.3);
+        let lines: Vec<_> = edges.iter().map(|e| observed(*e, false)).collect();
+        let without = Clustering { fine: false, ..CLUSTERING };
+        assert!(shift_map(&edges, PREDICTED, &lines, &CLUSTERING).peaks(1)[0].log_likelihood > 10.0);
+        assert_eq!(shift_map(&edges, PREDICTED, &lines, &without).peaks(1), []);
+    }
+
+    #[test]
+    fn lines_of_other_directions_say_nothing() {
+        let edges = [between(PREDICTED, PREDICTED + Vector2::new(80.0, 0.0))];
+        let turned = |angle: f64| {
+            let lines = [observed(between(PREDICTED, PREDICTED + 80.0 * Vector2::new(angle.cos(), angle.sin())), true)];
+            shift_map(&edges, PREDICTED, &lines, &CLUSTERING).peaks(1).len()
+        };
+        assert_eq!((turned(0.09), turned(std::f64::consts::PI - 0.09), turned(0.11), turned(1.5)), (1, 1, 0, 0));
+    }
+
+    #[test]
+    fn without_edges_or_lines_there_is_no_peak() {
+        let line = observed(between(PREDICTED, PREDICTED + Vector2::new(50.0, 0.0)), true);
+        let short = between(PREDICTED, PREDICTED + Vector2::new(19.0, 0.0));
+        for (edges, lines) in [(vec![], vec![line]), (vec![short], vec![line]), (roof(0.0), vec![])] {
+            let map = shift_map(&edges, PREDICTED, &lines, &CLUSTERING);
+            assert_eq!((map.size, map.values.len()), (101, 101 * 101));
+            assert_eq!(map.peaks(5), []);
+        }
+        let narrow = Clustering { half_width_px: 0.0, ..CLUSTERING };
+        assert_eq!(shift_map(&roof(0.0), PREDICTED, &[line], &narrow).size, 3);
+    }
+}

@@ -90,3 +90,94 @@ impl Around {
         largest.x >= self.least.x && least.x <= self.largest.x && largest.y >= self.least.y && least.y <= self.largest.y
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use nalgebra::Matrix2;
+
+    /// A segment as it would come out of the image.
+    pub(in crate::orientation) fn observed(segment_px: Segment2, coarse: bool) -> ObservedSegment {
+        ObservedSegment {
+            segment_px,
+            direction: segment_px.direction(),
+            length_px: segment_px.length(),
+            covariance_across: Matrix2::identity() * 0.01,
+            coarse,
+            file_px: segment_px,
+        }
+    }
+
+    fn level(y: f64, from: f64, to: f64) -> Segment2 {
+        Segment2 { start: Vector2::new(from, y), end: Vector2::new(to, y) }
+    }
+
+    fn fine(y: f64, from: f64, to: f64) -> ObservedSegment {
+        observed(level(y, from, to), false)
+    }
+
+    fn coarse(y: f64, from: f64, to: f64) -> ObservedSegment {
+        observed(level(y, from, to), true)
+    }
+
+    const NEARNESS: Nearness = Nearness { distance_px: 4.0, direction_tolerance_rad: 0.05 };
+
+    /// (edge, segment) of all matches.
+    fn pairs(edges: &[Option<Segment2>], observed: &[ObservedSegment]) -> Vec<(usize, usize)> {
+        matches(edges, observed, &NEARNESS).iter().map(|m| (m.edge, m.segment)).collect()
+    }
+
+    #[test]
+    fn pieces_of_an_edge_say_where_they_lie_on_it() {
+        let found =
+            matches(&[Some(level(0.0, 0.0, 100.0))], &[fine(1.0, 10.0, 40.0), fine(-2.0, 90.0, 50.0)], &NEARNESS);
+        assert_eq!(
+            found,
+            [Match { edge: 0, segment: 0, at: [0.1, 0.4] }, Match { edge: 0, segment: 1, at: [0.9, 0.5] }]
+        );
+    }
+
+    #[test]
+    fn a_segment_goes_to_the_nearest_of_parallel_edges() {
+        let edges = [Some(level(0.0, 0.0, 100.0)), Some(level(5.0, 0.0, 100.0)), None];
+        assert_eq!(
+            pairs(&edges, &[fine(2.0, 0.0, 90.0), fine(3.0, 0.0, 90.0), fine(8.9, 5.0, 95.0)]),
+            [(0, 0), (1, 1), (1, 2)]
+        );
+    }
+
+    #[test]
+    fn coarse_segments_serve_only_edges_without_fine_ones() {
+        let edges = [Some(level(0.0, 0.0, 100.0)), Some(level(50.0, 0.0, 100.0))];
+        let observed = [coarse(0.5, 0.0, 100.0), fine(1.0, 0.0, 60.0), coarse(50.5, 0.0, 100.0)];
+        assert_eq!(pairs(&edges, &observed), [(0, 1), (1, 2)]);
+    }
+
+    #[test]
+    fn what_is_far_short_turned_or_beside_does_not_match() {
+        let edges = [Some(level(0.0, 0.0, 100.0))];
+        let turned = |angle: f64| {
+            let half = 20.0 * Vector2::new(angle.cos(), angle.sin());
+            let middle = Vector2::new(50.0, 0.0);
+            observed(Segment2 { start: middle - half, end: middle + half }, false)
+        };
+        assert_eq!(
+            pairs(&edges, &[fine(3.9, 0.0, 50.0), turned(0.049), turned(std::f64::consts::PI + 0.049)]).len(),
+            3
+        );
+        // over the distance, under the length, over the angle, and with less than half on the edge
+        assert_eq!(
+            pairs(&edges, &[fine(4.1, 0.0, 50.0), fine(0.0, 0.0, 11.0), turned(0.051), fine(0.0, 85.0, 116.0)]),
+            []
+        );
+        assert_eq!(pairs(&edges, &[fine(0.0, 85.0, 114.0)]), [(0, 0)]);
+    }
+
+    #[test]
+    fn nothing_matches_nothing() {
+        assert_eq!(pairs(&[], &[fine(0.0, 0.0, 50.0)]), []);
+        assert_eq!(pairs(&[None, Some(level(0.0, 0.0, 5.0))], &[fine(0.0, 0.0, 50.0)]), []);
+        assert_eq!(pairs(&[Some(level(0.0, f64::NAN, 50.0))], &[fine(0.0, 0.0, 50.0)]), []);
+        assert_eq!(pairs(&[Some(level(0.0, 0.0, 50.0))], &[]), []);
+    }
+}
