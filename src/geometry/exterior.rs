@@ -1,7 +1,7 @@
 //! The exterior orientation: where the camera stood and how it was turned, and the collinearity equations
 //! (method 1.5) with their derivatives.
 
-use nalgebra::{Matrix2x3, Matrix2x6, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix2x6, Rotation3, UnitQuaternion, Vector2, Vector3};
 
 use super::camera::Camera;
 use super::rotation;
@@ -97,7 +97,9 @@ impl ExteriorOrientation {
     #[must_use]
     pub fn step_to(&self, other: &Self) -> nalgebra::Vector6<f64> {
         let centre = other.projection_centre_m - self.projection_centre_m;
-        let theta = -(other.camera_from_object * self.camera_from_object.inverse()).scaled_axis();
+        // by the quaternion: the matrix loses small angles, and at times returns NaN for them
+        let turn = other.camera_from_object * self.camera_from_object.inverse();
+        let theta = -UnitQuaternion::from_rotation_matrix(&turn).scaled_axis();
         nalgebra::Vector6::new(centre.x, centre.y, centre.z, theta.x, theta.y, theta.z)
     }
 }
@@ -148,5 +150,20 @@ mod tests {
         assert_relative_eq!(orientation.ground_point_m(3700.0, image, 12.0).unwrap(), ground, epsilon = 1e-9);
         let step = Vector6::new(1.0, -2.0, 3.0, 0.02, -0.05, 0.1);
         assert_relative_eq!(orientation.step_to(&orientation.moved(&step)), step, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn tiny_steps_are_found_again() {
+        for size in [1e-12, 1e-9, 1e-8, 1e-6] {
+            for k in 0..1000 {
+                let angle = f64::from(k) * 0.0013;
+                let from = ExteriorOrientation {
+                    projection_centre_m: Vector3::zeros(),
+                    camera_from_object: rotation::camera_from_object(angle - 0.6, 0.3 * angle, 3.0 * angle),
+                };
+                let step = Vector6::new(0.0, 0.0, 0.0, size, -size, 2.0 * size);
+                assert_relative_eq!(from.step_to(&from.moved(&step)), step, epsilon = 1e-14);
+            }
+        }
     }
 }

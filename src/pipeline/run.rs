@@ -131,7 +131,9 @@ impl Run<'_> {
     fn consensus(&self, points: &[PointObservation], prior: &Prior, hypothesis: &Hypothesis) -> Option<Consensus> {
         let (start, c) = (&hypothesis.prediction.orientation, self.task.camera.principal_distance_px);
         let found = if points.len() <= COMPLETE_SEARCH_POINTS {
+            // the best of subsets none of which fits is four points that agree by chance
             complete_search(points, Some(prior), start, c, LARGEST_SIGMA0, MOST_SUBSETS)
+                .filter(|found| found.resection.sigma0() < LARGEST_SIGMA0)
         } else {
             let surest = &points[..points.len().min(QUADRUPLE_POINTS)];
             let reference = self.reference(&hypothesis.prediction, points, prior);
