@@ -15,7 +15,7 @@ use super::{Settings, print};
 const EXAMPLES: &str = "\
 Examples:
   gable import buildings.geojson --crs EPSG:25832 --data /srv/gable
-      Adds the control points in the file, and updates those that are known by name. A service on the same folder may
+      Adds the control points in the file, and updates those that are known by name. A service on the same folder may \
       be running: it uses them from the next image on.
 
   gable import buildings.geojson --crs EPSG:25832 --geoid-undulation-m 46.2

@@ -1,10 +1,12 @@
 //! The command line: one file a command.
 
+mod demo;
 mod import;
 mod key;
 mod openapi;
 mod orient;
 mod serve;
+mod simulate;
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
@@ -27,9 +29,11 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::Demo),
     Serve(serve::Serve),
     Import(import::Import),
     Orient(Box<orient::Orient>),
+    Simulate(simulate::Simulate),
     Key(key::Key),
     Openapi(openapi::OpenApi),
 }
@@ -37,9 +41,11 @@ enum Command {
 impl Command {
     async fn run(self) -> anyhow::Result<()> {
         match self {
+            Self::Demo(command) => command.run().await,
             Self::Serve(command) => command.run().await,
             Self::Import(command) => command.run().await,
             Self::Orient(command) => command.run().await,
+            Self::Simulate(command) => command.run().await,
             Self::Key(command) => command.run().await,
             Self::Openapi(command) => command.run(),
         }

@@ -28,7 +28,7 @@ const EXAMPLES: &str = "\
 Examples:
   gable orient DSC01.jpg --camera camera.json --control buildings.geojson --crs EPSG:25832 \\
       --position 565480,5934120,410 --position-crs EPSG:25832 --kappa 12 --overlay seen.png
-      Orients one image without any service, and draws what it has seen. On a terminal the answer is a summary;
+      Orients one image without any service, and draws what it has seen. On a terminal the answer is a summary; \
       elsewhere, and with --json, it is the API's JSON.
 
   gable orient DSC01.jpg --camera canon-sx260 --data /srv/gable
@@ -38,8 +38,8 @@ Examples:
       --approximation approximation.json --json | jq .result.diagnosis
       With the approximation as the API has it: {\"position\": {\"crs\": …, \"coordinates\": […]}, \"omega_deg\": …}.
 
-What is not given is taken from the image's EXIF and XMP, else: omega = phi = 0 with sigma 5 degrees, kappa unknown (the
-whole circle is searched), position sigma 15, 15, 30 m. Angles are in degrees about the axes of a local east, north, up
+What is not given is taken from the image's EXIF and XMP, else: omega = phi = 0 with sigma 5 degrees, kappa unknown (the \
+whole circle is searched), position sigma 15, 15, 30 m. Angles are in degrees about the axes of a local east, north, up \
 frame at the position.";
 
 /// Orient one image
@@ -149,7 +149,7 @@ impl ApproximationFlags {
 }
 
 /// Reads JSON as strictly as the API does.
-fn read_json<T: serde::de::DeserializeOwned>(file: &Path) -> anyhow::Result<T> {
+pub(super) fn read_json<T: serde::de::DeserializeOwned>(file: &Path) -> anyhow::Result<T> {
     let name = || file.display().to_string();
     let text = std::fs::read(file).with_context(|| format!("cannot read {}", name()))?;
     parse_json(&text).with_context(name)
