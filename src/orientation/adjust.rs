@@ -66,6 +66,9 @@ pub const SIGMA_SHIFT_PX: f64 = 1.0;
 /// Which of the lines along the rim of a roof was measured as the edge, and which one the image shows, adds to the
 /// stated accuracy of the coordinates.
 const EDGE_DEFINITION: f64 = 1.5;
+/// That much of the variance of an edge is a shift of the whole edge (the gutter, not the rim); the rest is each end's
+/// own.
+const SHIFT_OF_THE_EDGE: f64 = 0.5;
 /// The weights from step to step (method 1.4).
 const STEPS: [Weighting; 8] = [
     Weighting::Convex,
@@ -226,7 +229,8 @@ impl Linear {
             misclosure[row] = (normal * (end - piece.start)).x;
             model.set_row(row, &RowVector2::new(1.0 - at, at));
         }
-        let covariance = piece.covariance + model * model.transpose() * model_variance;
+        let model = model * model.transpose() * (1.0 - SHIFT_OF_THE_EDGE) + Matrix2::from_element(SHIFT_OF_THE_EDGE);
+        let covariance = piece.covariance + model * model_variance;
         let Some(weights) = covariance.try_inverse() else {
             self.kept.push(false);
             return;
@@ -308,9 +312,11 @@ mod tests {
             let shift = Vector2::new(normal(rng), normal(rng)) * (noise * sigma_m_px.hypot(SIGMA_SHIFT_PX));
             let mut matches = Vec::new();
             for (edge, line) in house.edges_m.iter().enumerate() {
+                let whole = SHIFT_OF_THE_EDGE.sqrt() * normal(rng);
                 let mut end = |point| {
                     let exact = truth().reduced_px(C_PX, point).unwrap() + shift;
-                    (exact, noise * EDGE_DEFINITION * sigma_m_px * normal(rng))
+                    let own = (1.0 - SHIFT_OF_THE_EDGE).sqrt() * normal(rng);
+                    (exact, noise * EDGE_DEFINITION * sigma_m_px * (whole + own))
                 };
                 let ((start, by_start), (stop, by_stop)) = (end(line.start), end(line.end));
                 let across = Segment2 { start, end: stop }.normal();
@@ -318,8 +324,10 @@ mod tests {
                 let (own, common) = (normal(rng), normal(rng));
                 let size = noise * SEGMENT_VARIANCE.sqrt();
                 let fitted = [2.0 * own * size, (-own + 3.0_f64.sqrt() * common) * size];
-                let segment_px =
-                    Segment2 { start: start + across * (by_start + fitted[0]), end: stop + across * (by_stop + fitted[1]) };
+                let segment_px = Segment2 {
+                    start: start + across * (by_start + fitted[0]),
+                    end: stop + across * (by_stop + fitted[1]),
+                };
                 matches.push(Match { edge, segment: observed.len(), at: [0.0, 1.0] });
                 observed.push(ObservedSegment {
                     segment_px,
