@@ -87,12 +87,6 @@ impl<'a> Extraction<'a> {
         &self.segments
     }
 
-    /// Pixels of the file along a side of a cell of the fine level.
-    #[must_use]
-    pub fn fine_reduction(&self) -> u32 {
-        self.fine_reduction
-    }
-
     fn extract_tile(&mut self, column: u32, row: u32) -> Result<(), PictureError> {
         let side = TILE_CELLS * self.fine_reduction;
         let rect = PixelRect { x: column * side, y: row * side, width: side, height: side };
@@ -118,4 +112,80 @@ fn observed(camera: &Camera, line: &LineSegment, coarse: bool) -> Option<Observe
         coarse,
         file_px: line.segment,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use super::*;
+    use crate::features::GreyWindow;
+    use crate::geometry::Brown;
+
+    /// White right of column 700, black left of it; remembers what was read.
+    struct Step {
+        read: Mutex<Vec<(PixelRect, u32)>>,
+    }
+
+    const SIZE: [u32; 2] = [5000, 3000];
+
+    impl Picture for Step {
+        fn size_px(&self) -> [u32; 2] {
+            SIZE
+        }
+
+        fn window(&self, rect: PixelRect, reduction: u32) -> Result<GreyWindow, PictureError> {
+            self.read.lock().unwrap().push((rect, reduction));
+            let cells = |at: u32, length: u32, size: u32| (length.min(size - at)).div_ceil(reduction) as usize;
+            let (width, height) = (cells(rect.x, rect.width, SIZE[0]), cells(rect.y, rect.height, SIZE[1]));
+            let column = |k: usize| rect.x as usize + k * reduction as usize;
+            let grey = |k: usize| if column(k % width) >= 700 { 200.0 } else { 50.0 };
+            let grey = (0..width * height).map(grey).collect();
+            Ok(GreyWindow { origin_px: [rect.x, rect.y], reduction, width, height, grey })
+        }
+    }
+
+    fn camera() -> Camera {
+        Camera::new(SIZE, 4000.0, Vector2::new(2500.0, 1500.0), Brown::default()).unwrap()
+    }
+
+    #[test]
+    fn only_what_is_needed_is_read_and_only_once() {
+        let (picture, camera) = (Step { read: Mutex::default() }, camera());
+        let mut extraction = Extraction::new(&picture, &camera, 100.0);
+        let square = |extraction: &mut Extraction, least: f64, largest: f64| {
+            extraction.cover(Vector2::repeat(least), Vector2::repeat(largest)).unwrap();
+        };
+        square(&mut extraction, 600.0, 800.0);
+        // one tile of 2048 px, on two levels
+        assert_eq!(picture.read.lock().unwrap().len(), 2);
+        square(&mut extraction, -500.0, 1000.0);
+        assert_eq!(picture.read.lock().unwrap().len(), 2);
+        square(&mut extraction, 6000.0, 7000.0);
+        assert_eq!(picture.read.lock().unwrap().len(), 2);
+        square(&mut extraction, 1900.0, 2100.0);
+        assert_eq!(picture.read.lock().unwrap().len(), 8);
+    }
+
+    #[test]
+    fn an_edge_is_found_on_both_levels_where_it_is() {
+        let (picture, camera) = (Step { read: Mutex::default() }, camera());
+        let mut extraction = Extraction::new(&picture, &camera, 100.0);
+        extraction.cover(Vector2::repeat(600.0), Vector2::repeat(800.0)).unwrap();
+        for coarse in [false, true] {
+            let found: Vec<_> = extraction.segments().iter().filter(|s| s.coarse == coarse).collect();
+            assert_eq!(found.len(), 1);
+            assert!(found[0].length_px > 2000.0);
+            for end in [found[0].segment_px.start, found[0].segment_px.end] {
+                assert!((end.x - (700.0 - 2500.0)).abs() < 0.1, "{end}");
+            }
+        }
+    }
+
+    #[test]
+    fn short_edges_are_looked_for_at_full_resolution() {
+        let (picture, camera) = (Step { read: Mutex::default() }, camera());
+        assert_eq!(Extraction::new(&picture, &camera, 30.0).fine_reduction, 1);
+        assert_eq!(Extraction::new(&picture, &camera, 120.0).fine_reduction, 2);
+    }
 }

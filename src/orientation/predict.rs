@@ -104,3 +104,107 @@ pub fn edges_on_frame_px(
     let edges = edges_px(camera, orientation, control_point).into_iter();
     edges.map(|edge| edge.filter(|e| on_frame(camera, e.midpoint(), 0.0))).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector6;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::geometry::{Brown, Segment3};
+
+    fn normal(rng: &mut ChaCha8Rng) -> f64 {
+        let (a, b): (f64, f64) = (rng.random_range(1e-12..1.0), rng.random());
+        (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+    }
+
+    fn camera() -> Camera {
+        Camera::new([4000, 3000], 3000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap()
+    }
+
+    fn approximation() -> Approximation {
+        Approximation {
+            orientation: ExteriorOrientation {
+                projection_centre_m: Vector3::new(10.0, 20.0, 250.0),
+                camera_from_object: rotation::camera_from_object(0.15, -0.2, 2.0),
+            },
+            sigma_position_m: [2.0, 3.0, 4.0],
+            sigma_tilt_rad: 0.01,
+            sigma_kappa_rad: Some(0.03),
+        }
+    }
+
+    /// An orientation drawn with the sigmas of the approximation, angle by angle.
+    fn drawn(a: &Approximation, rng: &mut ChaCha8Rng) -> ExteriorOrientation {
+        let [omega, phi, kappa] = rotation::angles(&a.orientation.camera_from_object);
+        let mut error = |sigma: f64| sigma * normal(rng);
+        let centre = Vector3::from_iterator(a.sigma_position_m.iter().map(|s| error(*s)));
+        let camera_from_object = rotation::camera_from_object(
+            omega + error(a.sigma_tilt_rad),
+            phi + error(a.sigma_tilt_rad),
+            kappa + error(a.sigma_kappa_rad.unwrap()),
+        );
+        ExteriorOrientation { projection_centre_m: a.orientation.projection_centre_m + centre, camera_from_object }
+    }
+
+    #[test]
+    fn the_prior_measures_drawn_errors_as_chi_square() {
+        const RUNS: u32 = 4000;
+        let a = approximation();
+        let prior = a.prior(&a.orientation).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let distances = (0..RUNS).map(|_| {
+            let step: Vector6<f64> = drawn(&a, &mut rng).step_to(&prior.orientation);
+            step.dot(&(prior.information * step))
+        });
+        let mean = distances.sum::<f64>() / f64::from(RUNS);
+        assert!((mean - 6.0).abs() < 0.25, "{mean}");
+    }
+
+    #[test]
+    fn the_search_region_is_the_scatter_of_predicted_points() {
+        const RUNS: u32 = 4000;
+        let (a, camera, point) = (approximation(), camera(), Vector3::new(60.0, -30.0, 12.0));
+        let covariance = a.prior(&a.orientation).unwrap().information.try_inverse().unwrap();
+        let prediction = Prediction { orientation: a.orientation, covariance };
+        let (image, claimed) = prediction.image_of(&camera, point, 0.0).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut scatter = Matrix2::zeros();
+        for _ in 0..RUNS {
+            let away = drawn(&a, &mut rng).reduced_px(camera.principal_distance_px, point).unwrap() - image;
+            scatter += away * away.transpose() / f64::from(RUNS);
+        }
+        assert!((scatter - claimed).norm() < 0.06 * claimed.norm(), "{scatter} {claimed}");
+    }
+
+    #[test]
+    fn an_unknown_heading_is_taken_from_the_hypothesis() {
+        let a = Approximation { sigma_kappa_rad: None, ..approximation() };
+        let near =
+            ExteriorOrientation { camera_from_object: rotation::camera_from_object(0.1, 0.1, -1.2), ..a.orientation };
+        let [omega, phi, kappa] = rotation::angles(&a.prior(&near).unwrap().orientation.camera_from_object);
+        assert!((omega - 0.15).abs() < 1e-9 && (phi + 0.2).abs() < 1e-9 && (kappa + 1.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_view_along_the_horizon_has_no_prior() {
+        let level = rotation::camera_from_object(0.0, std::f64::consts::FRAC_PI_2, 0.0);
+        let orientation = ExteriorOrientation { camera_from_object: level, ..approximation().orientation };
+        let a = Approximation { orientation, ..approximation() };
+        assert!(a.prior(&orientation).is_none());
+    }
+
+    #[test]
+    fn only_edges_on_the_frame_are_expected_there() {
+        let (a, camera) = (approximation(), camera());
+        let below = a.orientation.ground_point_m(3000.0, Vector2::new(0.0, 0.0), 0.0).unwrap();
+        let edge = |from: Vector3<f64>| Segment3 { start: from, end: from + Vector3::new(8.0, 0.0, 0.0) };
+        let edges_m =
+            vec![edge(below), edge(below + Vector3::new(900.0, 0.0, 0.0)), edge(Vector3::new(0.0, 0.0, 300.0))];
+        let point = ControlPoint { name: "a".into(), sigma_m: 0.1, reference_m: below, edges_m };
+        let seen = |edges: Vec<Option<Segment2>>| edges.iter().map(Option::is_some).collect::<Vec<_>>();
+        assert_eq!(seen(edges_px(&camera, &a.orientation, &point)), [true, true, false]);
+        assert_eq!(seen(edges_on_frame_px(&camera, &a.orientation, &point)), [true, false, false]);
+    }
+}

@@ -54,6 +54,8 @@ pub struct SearchCost {
 const HALF_VIEW_RAD: f64 = 5.2 * std::f64::consts::PI / 180.0;
 /// The approximation is believed up to so many of its standard deviations.
 const REACH_SIGMAS: f64 = 3.0;
+/// No tilt farther away than this is searched, however little is known: every view costs time.
+const STEEPEST_RAD: f64 = 36.0 * std::f64::consts::PI / 180.0;
 /// Half the width of the windows of the wide search, at least and at most; a wider one costs more than another view.
 const WINDOW_PX: [f64; 2] = [60.0, 700.0];
 /// The window in standard deviations of the prediction under a view.
@@ -110,7 +112,7 @@ impl Search<'_> {
     /// Orientations that cover what the approximation allows, each with the covariance of what remains open.
     fn views(&self) -> Vec<Prediction> {
         let approximation = self.approximation;
-        let tilt = Steps::over(REACH_SIGMAS * approximation.sigma_tilt_rad);
+        let tilt = Steps::over((REACH_SIGMAS * approximation.sigma_tilt_rad).min(STEEPEST_RAD));
         let circle = std::f64::consts::PI;
         let kappa = Steps::over(approximation.sigma_kappa_rad.map_or(circle, |s| (REACH_SIGMAS * s).min(circle)));
         let [east, north, up] = approximation.sigma_position_m.map(|s| s.powi(2));
@@ -239,4 +241,52 @@ pub(super) fn cover(
     // the distortion stretches it a little
     let half = Vector2::repeat(1.05 * half_width_px);
     extraction.cover(centre - half, centre + half)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Brown, rotation};
+
+    fn views(sigma_tilt_deg: f64, sigma_kappa_deg: Option<f64>) -> Vec<Prediction> {
+        let camera = Camera::new([4000, 3000], 3000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap();
+        let approximation = Approximation {
+            orientation: ExteriorOrientation {
+                projection_centre_m: Vector3::new(0.0, 0.0, 300.0),
+                camera_from_object: rotation::camera_from_object(0.0, 0.0, 0.5),
+            },
+            sigma_position_m: [2.0; 3],
+            sigma_tilt_rad: sigma_tilt_deg.to_radians(),
+            sigma_kappa_rad: sigma_kappa_deg.map(f64::to_radians),
+        };
+        Search { camera: &camera, control: &[], approximation: &approximation }.views()
+    }
+
+    /// The smallest rotation between any view and the approximation turned by the angles.
+    fn nearest_deg(views: &[Prediction], omega_deg: f64, phi_deg: f64, kappa_deg: f64) -> f64 {
+        let [omega, phi, kappa] = [omega_deg, phi_deg, kappa_deg].map(f64::to_radians);
+        let wanted = rotation::camera_from_object(omega, phi, 0.5 + kappa);
+        let angles = views.iter().map(|v| (v.orientation.camera_from_object * wanted.inverse()).angle());
+        angles.fold(f64::INFINITY, f64::min).to_degrees()
+    }
+
+    #[test]
+    fn views_leave_no_rotation_within_reach_far_from_one() {
+        let well_known = views(1.0, Some(1.5));
+        assert_eq!(well_known.len(), 1);
+        let nadir = views(8.0, Some(3.0));
+        for (omega, phi, kappa) in [(0.0, 0.0, 0.0), (16.0, -14.0, 5.0), (-22.0, 3.0, -8.0), (2.0, 23.0, 7.0)] {
+            let away = nearest_deg(&nadir, omega, phi, kappa);
+            assert!(away < 9.0, "{omega} {phi} {kappa}: {away}");
+        }
+        let anywhere = views(5.0, None);
+        for kappa in [0.0, 93.0, 178.0, -120.0] {
+            assert!(nearest_deg(&anywhere, 6.0, -4.0, kappa) < 9.0);
+        }
+    }
+
+    #[test]
+    fn the_number_of_views_is_bounded() {
+        assert!(views(1e6, None).len() < 2000);
+    }
 }
