@@ -40,7 +40,7 @@ pub struct Thresholds {
     /// Fewer control points than four leave no check on errors (paper 2.2).
     pub control_points: usize,
     /// The tolerance must be so many times the largest predicted planimetric standard deviation: a planimetric error
-    /// exceeds 2.2 of them in 0.8 % of all cases if the errors are as assumed, and in 8 % if they are
+    /// exceeds two of them in 2 % of all cases if the errors are as assumed, and in 6 % if they are
     /// [`REAL_ERRORS`] times as large. At 40 for a wrong acceptance against 5 for a wrong rejection (paper 4.1) it
     /// pays to accept up to 14 %.
     pub tolerance_by_sigma: f64,
@@ -60,7 +60,7 @@ impl Default for Thresholds {
             sigma0: 2.0,
             configuration: 20.0,
             control_points: 4,
-            tolerance_by_sigma: 2.2,
+            tolerance_by_sigma: 2.0,
             log_odds: 15.0,
             lead: 10.0,
             distance_from_approximation: 22.5,
@@ -71,7 +71,7 @@ impl Default for Thresholds {
 
 /// Control shares errors that no residual shows: on the photographs of `../shared/bench` the true error on the ground
 /// was in the root mean square about so many times the predicted one.
-const REAL_ERRORS: f64 = 1.4;
+const REAL_ERRORS: f64 = 1.2;
 /// Beyond this margin (a factor of three) a result is no use.
 const RED_MARGIN: f64 = -1.1;
 
