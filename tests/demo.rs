@@ -7,6 +7,7 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 
 /// In a folder of its own, which is that of temporary files too.
@@ -64,8 +65,8 @@ fn demonstration_goes_on_serving_what_it_has_shown() {
     }
     let (status, _, errors) = run(&mut gable(folder.path(), &["demo", "--exit", "--data", "town"]));
     assert_eq!((status, errors.contains("a database already")), (Some(1), true), "{errors}");
-    let ended = Command::new("kill").args(["-INT", &demo.0.id().to_string()]).status().unwrap();
-    assert!(ended.success() && demo.0.wait().unwrap().success());
+    kill_process(Pid::from_child(&demo.0), Signal::INT).unwrap();
+    assert!(demo.0.wait().unwrap().success());
     for kept in ["gable.db", "overlay.jpg"] {
         assert!(folder.path().join("town").join(kept).exists(), "{kept}");
     }

@@ -1,5 +1,7 @@
 //! The whole pipeline on simulated scenes whose truth is known.
 
+#![allow(clippy::unwrap_used)] // a test that cannot go on says so by panicking
+
 use gable::diagnosis::{Verdict, d_max_m};
 use gable::orientation::ControlPoint;
 use gable::pipeline::{Fault, Observer, Outcome, Stage, Task, Tolerance, orient};

@@ -118,7 +118,18 @@ fn print(text: &str) -> anyhow::Result<()> {
 }
 
 fn failed(error: &anyhow::Error) -> ExitCode {
-    eprintln!("gable: {error:#}");
+    eprintln!("gable: {}", told(error));
     let no_key = matches!(error.downcast_ref(), Some(ServiceError::NoKey { .. }));
     if no_key || error.is::<ConfigurationError>() { ExitCode::from(2) } else { ExitCode::FAILURE }
+}
+
+/// An error with its causes, but none that the message before has told already.
+fn told(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }

@@ -88,7 +88,7 @@ pub fn judge(evidence: &Evidence, thresholds: &Thresholds) -> Diagnosis {
     } else {
         Verdict::Red
     };
-    let failed = criteria.into_iter().filter(|c| !(c.margin >= 0.0));
+    let failed = criteria.into_iter().filter(|c| c.margin < 0.0);
     let mut reasons: Vec<Reason> = failed.map(|c| Reason { code: c.code, detail: c.detail }).collect();
     if reasons.is_empty() {
         reasons.push(Reason { code: "verified", detail: verified(evidence) });

@@ -69,7 +69,7 @@ impl<'a> Extraction<'a> {
         let tiles = |least: f64, largest: f64, size: u32| {
             let last = (f64::from(size) - 1.0).max(0.0);
             let index = |v: f64| (v.clamp(0.0, last) / tile_px) as u32;
-            if largest < 0.0 || least > last { 1..=0 } else { index(least)..=index(largest) }
+            if largest < 0.0 || least > last { 0..0 } else { index(least)..index(largest) + 1 }
         };
         for row in tiles(least_px.y, largest_px.y, height) {
             for column in tiles(least_px.x, largest_px.x, width) {

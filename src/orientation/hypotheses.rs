@@ -38,7 +38,7 @@ struct Pair {
 
 impl Search<'_> {
     /// Orientations from pairs of candidates, best first, and how many pairs were oriented.
-    pub(super) fn from_pairs(
+    pub(super) fn paired(
         &self,
         candidates: &[Vec<Candidate>],
         cancelled: &dyn Fn() -> bool,

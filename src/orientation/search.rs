@@ -94,7 +94,7 @@ impl Search<'_> {
             }
         }
         candidates.iter_mut().for_each(keep_best);
-        let (hypotheses, pairs) = self.from_pairs(&candidates, cancelled);
+        let (hypotheses, pairs) = self.paired(&candidates, cancelled);
         let mut refined = Vec::new();
         for hypothesis in self.distinct(hypotheses).iter().take(REFINED).take_while(|_| !cancelled()) {
             refined.extend(self.refined(hypothesis, extraction)?);

@@ -6,6 +6,8 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::process::{Pid, Signal, kill_process};
+
 pub(crate) fn gable(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_gable"));
     command
@@ -59,9 +61,8 @@ impl Serving {
         answer
     }
 
-    fn signal(&self, name: &str) {
-        let sent = Command::new("kill").args([format!("-{name}"), self.child.id().to_string()]).status().unwrap();
-        assert!(sent.success());
+    fn send(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).unwrap();
     }
 
     fn ended_within(&mut self, patience: Duration) -> Option<i32> {
@@ -201,7 +202,7 @@ fn bootstrap_key_is_the_first_key_only() {
 fn first_signal_ends_it_in_peace_and_the_second_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let mut serving = Serving::start(&mut gable(folder.path(), &["serve"]));
-    serving.signal("TERM");
+    serving.send(Signal::TERM);
     assert_eq!(serving.ended_within(Duration::from_secs(5)), Some(0));
     let mut serving = Serving::start(&mut gable(folder.path(), &["serve"]));
     let mut stalled = TcpStream::connect(&serving.address).unwrap();
@@ -211,10 +212,10 @@ fn first_signal_ends_it_in_peace_and_the_second_at_once() {
     )
     .unwrap();
     std::thread::sleep(Duration::from_millis(300));
-    serving.signal("TERM");
+    serving.send(Signal::TERM);
     std::thread::sleep(Duration::from_millis(300));
     assert!(serving.child.try_wait().unwrap().is_none(), "it waits for the request under way");
-    serving.signal("TERM");
+    serving.send(Signal::TERM);
     assert_eq!(serving.ended_within(Duration::from_secs(1)), Some(1));
 }
 
