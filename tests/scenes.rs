@@ -1,6 +1,6 @@
 //! The whole pipeline on simulated scenes whose truth is known.
 
-#![allow(clippy::unwrap_used)] // a test that cannot go on says so by panicking
+#![allow(clippy::unwrap_used, reason = "a test fails by panic")]
 
 use gable::diagnosis::{Verdict, d_max_m};
 use gable::orientation::ControlPoint;
@@ -19,11 +19,7 @@ impl Observer for Watched {
 const TOLERANCE_GSD: f64 = 10.0;
 
 fn task(scene: &Scene) -> Task {
-    Task {
-        camera: scene.camera,
-        approximation: scene.approximation.clone(),
-        tolerance: Tolerance::Gsd(TOLERANCE_GSD),
-    }
+    Task { camera: scene.camera, approximation: scene.approximation.clone(), tolerance: Tolerance::Gsd(TOLERANCE_GSD) }
 }
 
 fn run(picture: &Photograph, control: &[ControlPoint], task: &Task) -> Outcome {

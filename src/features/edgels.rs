@@ -63,7 +63,11 @@ fn maximum_at(gradient: &Gradient, width: usize, row: usize, column: usize) -> O
     let curvature = a - 2.0 * b + c;
     let shift = if curvature < -1e-6 { (0.5 * (a - c) / curvature).clamp(-0.5, 0.5) } else { 0.0 };
     let (mut x, mut y) = (column as f32 + 0.5, row as f32 + 0.5);
-    if across_columns { x += shift } else { y += shift }
+    if across_columns {
+        x += shift
+    } else {
+        y += shift
+    }
     Some(Edgel { x, y, normal: [gx / b, gy / b], gradient: b, cell: u32::try_from(cell).ok()? })
 }
 

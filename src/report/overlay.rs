@@ -18,7 +18,7 @@ use canvas::{Canvas, Colour};
 // Okabe and Ito's palette, which the colour-blind tell apart as well
 const USED: Colour = Colour([86, 180, 233]);
 const REJECTED: Colour = Colour([213, 94, 0]);
-const NOT_LOCATED: Colour = Colour([204, 121, 167]);
+const UNUSED: Colour = Colour([204, 121, 167]);
 const MATCHED: Colour = Colour([240, 228, 66]);
 const LETTERS: Colour = Colour([255, 255, 255]);
 
@@ -65,6 +65,16 @@ impl Drawing {
         });
         Self { points: points.collect(), edges: edges.collect() }
     }
+
+    /// Where a control point was located; of another the middle of its projected edges, since the approximation may
+    /// have predicted it far from them.
+    fn place_of_name(&self, index: usize) -> Option<[f64; 2]> {
+        let point = self.points.get(index)?;
+        let edges = self.edges.iter().filter(|edge| edge.point == index);
+        let ends: Vec<Vector2<f64>> = edges.flat_map(|edge| edge.projected_px).map(Into::into).collect();
+        let middle = (!ends.is_empty()).then(|| (ends.iter().sum::<Vector2<f64>>() / ends.len() as f64).into());
+        point.located_px.or(middle).or(point.predicted_px)
+    }
 }
 
 impl DrawnPoint {
@@ -72,7 +82,7 @@ impl DrawnPoint {
         match (self.used, self.located_px) {
             (true, _) => USED,
             (false, Some(_)) => REJECTED,
-            (false, None) => NOT_LOCATED,
+            (false, None) => UNUSED,
         }
     }
 }
@@ -106,17 +116,17 @@ fn draw(picture: &dyn Picture, drawing: &Drawing, widest_px: u32) -> Result<RgbI
     let mut canvas = Canvas::from_grey(&window);
     let at = |[x, y]: [f64; 2]| Vector2::new(x, y) / f64::from(reduction);
     for edge in &drawing.edges {
-        let colour = drawing.points.get(edge.point).map_or(NOT_LOCATED, DrawnPoint::colour);
+        let colour = drawing.points.get(edge.point).map_or(UNUSED, DrawnPoint::colour);
         canvas.line(at(edge.projected_px[0]), at(edge.projected_px[1]), 2.0, colour);
     }
     for [start, end] in drawing.edges.iter().flat_map(|edge| &edge.matched_px) {
         canvas.line(at(*start), at(*end), 1.0, MATCHED);
     }
-    for point in &drawing.points {
+    for (index, point) in drawing.points.iter().enumerate() {
         if let (Some(predicted), Some(located)) = (point.predicted_px, point.located_px) {
             canvas.arrow(at(predicted), at(located), point.colour());
         }
-        if let Some(place) = point.located_px.or(point.predicted_px) {
+        if let Some(place) = drawing.place_of_name(index) {
             canvas.letters(at(place) + Vector2::new(6.0, 6.0), &point.name, LETTERS);
         }
     }
@@ -169,12 +179,20 @@ mod tests {
     #[test]
     fn edges_have_the_colour_of_what_became_of_their_control_point() {
         for (used, located, colour) in
-            [(true, Some([25.0, 80.0]), USED), (false, Some([25.0, 80.0]), REJECTED), (false, None, NOT_LOCATED)]
+            [(true, Some([25.0, 80.0]), USED), (false, Some([25.0, 80.0]), REJECTED), (false, None, UNUSED)]
         {
             let image = draw(&Grey, &drawing(used, located), 200).unwrap();
             assert_eq!(image.get_pixel(140, 10).0, colour.0);
             assert_eq!(image.get_pixel(140, 50).0, [100; 3]);
         }
+    }
+
+    #[test]
+    fn a_name_stands_at_its_control_point() {
+        assert_eq!(drawing(true, Some([25.0, 80.0])).place_of_name(0), Some([25.0, 80.0]));
+        assert_eq!(drawing(false, None).place_of_name(0), Some([140.0, 10.0]));
+        let without_edges = Drawing { edges: Vec::new(), ..drawing(false, None) };
+        assert_eq!(without_edges.place_of_name(0), Some([20.0, 80.0]));
     }
 
     #[test]

@@ -77,7 +77,7 @@ pub struct ControlPointReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<f64>>)]
     pub predicted_px: Option<[f64; 2]>,
-    /// Its reference point where it was found.
+    /// Its reference point where it was found; only of one that took part in the adjustment.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<f64>>)]
     pub located_px: Option<[f64; 2]>,

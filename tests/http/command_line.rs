@@ -115,6 +115,17 @@ fn service_for_the_network_does_not_start_without_a_key() {
 }
 
 #[test]
+fn a_cause_is_told_once() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let folder = tempfile::tempdir().unwrap();
+    let (status, _, errors) = output(&mut gable(folder.path(), &["serve", "--listen", &address]));
+    let why = std::io::Error::from(rustix::io::Errno::ADDRINUSE).to_string();
+    assert_eq!(status, Some(1));
+    assert_eq!((errors.contains(&address), errors.matches(&why).count()), (true, 1), "{errors}");
+}
+
+#[test]
 fn two_services_do_not_share_a_folder() {
     let folder = tempfile::tempdir().unwrap();
     let _first = Serving::start(&mut gable(folder.path(), &["serve"]));

@@ -31,8 +31,8 @@ pub(super) struct OverlayQuery {
 /// Look at an orientation
 ///
 /// The image in grey, as stored in its file, with the edges of the control points where the orientation projects them
-/// (blue: used; vermilion: located, but rejected; purple: not located), the line segments matched to them (yellow), an
-/// arrow from where each reference point was predicted to where it was located, and names.
+/// (blue: used; vermilion: all that was matched was rejected; purple: took no part), the line segments matched to them
+/// (yellow), an arrow from where each reference point was predicted to where it was located, and names.
 #[utoipa::path(
     get, path = "/orientations/{id}/overlay", operation_id = "show_overlay", tag = "orientations",
     params(

@@ -72,15 +72,21 @@ impl Canvas {
         }
     }
 
-    /// Letters with a dark rim, `place` being their top-left corner.
+    /// Letters with a dark rim, `place` being their top-left corner. What begins on the picture does not leave it at
+    /// the right.
     pub(super) fn letters(&mut self, place: Vector2<f64>, text: &str, colour: Colour) {
         if !place.iter().all(|v| v.is_finite()) {
             return;
         }
+        let columns = lettering::dots(text).map(|(column, _)| column + 1).max().unwrap_or(0);
+        let (mut left, top, width) = (place.x as i64, place.y as i64, i64::from(self.image.width()));
+        if (0..width).contains(&left) {
+            left = left.min(width - 1 - columns * LETTER_SCALE).max(0);
+        }
         let rim = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy, BLACK)));
         for (dx, dy, colour) in rim.chain([(0, 0, colour)]) {
             for (column, row) in lettering::dots(text) {
-                self.dot(place.x as i64 + dx, place.y as i64 + dy, column, row, colour);
+                self.dot(left.saturating_add(dx), top.saturating_add(dy), column, row, colour);
             }
         }
     }
@@ -136,5 +142,15 @@ mod tests {
         assert_eq!(image.get_pixel(10, 10).0[0], 255);
         assert_eq!(image.get_pixel(14, 18).0[0], 255);
         assert_eq!(image.get_pixel(14, 10).0[0], 0);
+    }
+
+    #[test]
+    fn letters_at_the_right_border_are_not_cut_off() {
+        let mut canvas = black(40, 30);
+        canvas.letters(Vector2::new(39.0, 10.0), "L", Colour([255, 255, 255]));
+        let painted = |canvas: Canvas| canvas.into_image().pixels().filter(|p| p.0[0] == 255).count();
+        let mut free = black(40, 30);
+        free.letters(Vector2::new(10.0, 10.0), "L", Colour([255, 255, 255]));
+        assert_eq!(painted(canvas), painted(free));
     }
 }
