@@ -66,7 +66,7 @@ fn what_cannot_be_oriented_is_red_with_a_reason() {
 
     let kilometres_away: Vec<ControlPoint> = control.iter().map(|c| moved(c, Vector3::new(9000.0, 0.0, 0.0))).collect();
     let away = run(&picture, &kilometres_away, &task);
-    assert_eq!((away.diagnosis.verdict, code(&away)), (Verdict::Red, "nothing_located"));
+    assert_eq!((away.diagnosis.verdict, code(&away)), (Verdict::Red, "no_control_in_view"));
 
     let two = run(&picture, &control[..2.min(control.len())], &task);
     assert_ne!(two.diagnosis.verdict, Verdict::Green);

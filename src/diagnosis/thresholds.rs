@@ -17,6 +17,8 @@ pub struct Evidence {
     pub configuration: f64,
     /// Control points that took part in the adjustment.
     pub control_points: usize,
+    /// Control points that the orientation puts on the frame.
+    pub control_points_in_view: usize,
     /// Largest predicted planimetric standard deviation on the 3x3 ground grid; infinite if a ray misses the ground.
     pub sigma_planimetric_m: f64,
     /// The largest D_max that the user can accept.
@@ -46,10 +48,16 @@ pub struct Thresholds {
     pub tolerance_by_sigma: f64,
     /// Least log odds in favour of the orientation.
     pub log_odds: f64,
-    /// Least lead over the runner-up, in log odds.
+    /// Least lead over the runner-up, in log odds; and no less than the runner-up's own: one that is half as well
+    /// founded is a contradiction, not an accident.
     pub lead: f64,
     /// Largest squared distance from the approximation: chi-square with 6 degrees of freedom, 99.9 %.
     pub distance_from_approximation: f64,
+    /// Least share of the control points in view that must have been found: where most of them contradict an
+    /// orientation by their absence, the others may be the wrong ones.
+    pub found_share: f64,
+    /// T_P for sigma0 of the orientation with points.
+    pub sigma0_of_points: f64,
     /// Largest share of control points that were eliminated as wrong: beyond, consensus may be chance.
     pub eliminated_share: f64,
 }
@@ -64,6 +72,8 @@ impl Default for Thresholds {
             log_odds: 15.0,
             lead: 10.0,
             distance_from_approximation: 22.5,
+            found_share: 0.5,
+            sigma0_of_points: 3.0,
             eliminated_share: 0.5,
         }
     }
@@ -127,8 +137,7 @@ struct Criterion {
 
 /// The margin of something that must be small; not a number counts as not allowed.
 fn at_most(value: f64, limit: f64) -> f64 {
-    // max() would drop a value that is not a number
-    if value.is_nan() { f64::NEG_INFINITY } else { (limit / value.max(f64::MIN_POSITIVE)).ln() }
+    if value >= 0.0 && limit > 0.0 { (limit / value.max(f64::MIN_POSITIVE)).ln() } else { f64::NEG_INFINITY }
 }
 
 /// The margin of something that must be large.
@@ -139,6 +148,9 @@ fn at_least(value: f64, limit: f64) -> f64 {
 fn criteria(e: &Evidence, t: &Thresholds) -> Vec<Criterion> {
     let eliminated = e.features.eliminated as f64 / e.features.control_points.max(1) as f64;
     let lead = e.log_odds - e.runner_up_log_odds;
+    let least_lead = t.lead.max(e.runner_up_log_odds);
+    let found = e.control_points as f64 / e.control_points_in_view.max(1) as f64;
+    let sigma0_of_points = e.features.log_sigma0.exp();
     let criterion = |margin: f64, code, detail: String| Criterion { margin, code, detail };
     vec![
         criterion(
@@ -189,12 +201,12 @@ fn criteria(e: &Evidence, t: &Thresholds) -> Vec<Criterion> {
             ),
         ),
         criterion(
-            at_least(lead, t.lead),
+            at_least(lead, least_lead),
             "ambiguous",
             format!(
                 "another orientation explains the image nearly as well (log odds differ by {lead:.1}, at least {:.0} are \
-                 needed): repeated patterns; a better approximation would decide",
-                t.lead
+                 needed): repeated patterns, or control that contradicts itself; a better approximation would decide",
+                least_lead
             ),
         ),
         criterion(
@@ -204,6 +216,24 @@ fn criteria(e: &Evidence, t: &Thresholds) -> Vec<Criterion> {
                 "the orientation is {:.1} standard deviations away from the approximation: one of them is wrong, or the \
                  sigmas of the approximation are too small",
                 e.distance_from_approximation.sqrt()
+            ),
+        ),
+        criterion(
+            at_least(found, t.found_share),
+            "control_missing",
+            format!(
+                "only {} of {} control points in view were found: the others contradict the orientation, or are outdated \
+                 or hidden",
+                e.control_points, e.control_points_in_view
+            ),
+        ),
+        criterion(
+            at_most(sigma0_of_points, t.sigma0_of_points),
+            "points_disagree",
+            format!(
+                "the located control points fit {sigma0_of_points:.1} times worse than assumed ({:.1} is allowed): some \
+                 are located wrongly or outdated",
+                t.sigma0_of_points
             ),
         ),
         criterion(
@@ -247,6 +277,7 @@ mod tests {
             sigma0: 1.1,
             configuration: 3.0,
             control_points: 11,
+            control_points_in_view: 14,
             sigma_planimetric_m: 0.05,
             tolerance_m: 0.5,
             log_odds: 80.0,
@@ -273,11 +304,17 @@ mod tests {
         assert_eq!(verdict(|e| e.sigma_planimetric_m = f64::INFINITY), (Verdict::Red, "precision_insufficient"));
         assert_eq!(verdict(|e| e.sigma0 = 2.5), (Verdict::Yellow, "fit_poor"));
         assert_eq!(verdict(|e| e.configuration = 500.0), (Verdict::Red, "configuration_weak"));
-        assert_eq!(verdict(|e| e.control_points = 3), (Verdict::Yellow, "few_control_points"));
+        assert_eq!(
+            verdict(|e| (e.control_points, e.control_points_in_view) = (3, 4)),
+            (Verdict::Yellow, "few_control_points")
+        );
         assert_eq!(verdict(|e| e.log_odds = 12.0), (Verdict::Yellow, "ambiguous"));
         assert_eq!(verdict(|e| (e.log_odds, e.runner_up_log_odds) = (12.0, -9.0)), (Verdict::Yellow, "evidence_weak"));
         assert_eq!(verdict(|e| e.runner_up_log_odds = 79.0), (Verdict::Red, "ambiguous"));
         assert_eq!(verdict(|e| e.distance_from_approximation = 30.0), (Verdict::Yellow, "contradicts_approximation"));
+        assert_eq!(verdict(|e| e.runner_up_log_odds = 50.0), (Verdict::Yellow, "ambiguous"));
+        assert_eq!(verdict(|e| e.control_points_in_view = 30), (Verdict::Yellow, "control_missing"));
+        assert_eq!(verdict(|e| e.features.log_sigma0 = 1.2), (Verdict::Yellow, "points_disagree"));
         assert_eq!(verdict(|e| e.features.eliminated = 7), (Verdict::Yellow, "many_eliminated"));
     }
 
@@ -285,6 +322,9 @@ mod tests {
     fn not_a_number_is_never_green() {
         for spoil in [
             |e: &mut Evidence| e.sigma0 = f64::NAN,
+            |e: &mut Evidence| e.features.log_sigma0 = f64::NAN,
+            |e: &mut Evidence| e.tolerance_m = f64::NAN,
+            |e: &mut Evidence| e.tolerance_m = -1.0,
             |e: &mut Evidence| e.configuration = f64::NAN,
             |e: &mut Evidence| e.sigma_planimetric_m = f64::NAN,
             |e: &mut Evidence| e.log_odds = f64::NAN,

@@ -38,7 +38,7 @@ pub struct Features {
 pub struct Diagnosis {
     /// The traffic light.
     pub verdict: Verdict,
-    /// The larger the better; green above `threshold`.
+    /// The larger the better; green from `threshold` on.
     pub score: f64,
     /// What the score is held against.
     pub threshold: f64,

@@ -64,9 +64,9 @@ fn maximum_at(gradient: &Gradient, width: usize, row: usize, column: usize) -> O
     let shift = if curvature < -1e-6 { (0.5 * (a - c) / curvature).clamp(-0.5, 0.5) } else { 0.0 };
     let (mut x, mut y) = (column as f32 + 0.5, row as f32 + 0.5);
     if across_columns {
-        x += shift
+        x += shift;
     } else {
-        y += shift
+        y += shift;
     }
     Some(Edgel { x, y, normal: [gx / b, gy / b], gradient: b, cell: u32::try_from(cell).ok()? })
 }

@@ -99,7 +99,7 @@ fn strongest_first(edgels: &[Edgel]) -> Vec<u32> {
 /// Which edge pixels are still free, and how they are collected.
 struct Regions<'a> {
     edgels: &'a [Edgel],
-    /// For each cell the free edgel in it, else `FREE_NONE`.
+    /// For each cell the free edgel in it, else `NONE`.
     at_cell: Vec<u32>,
     width: usize,
     height: usize,

@@ -52,6 +52,12 @@ impl Adjustment {
         if self.redundancy == 0 { 1.0 } else { (self.squares / self.redundancy as f64).sqrt() }
     }
 
+    /// The buildings of which at least one match kept its weight, as indices of their control points.
+    pub fn held_by(&self) -> impl Iterator<Item = usize> {
+        let with_kept = self.buildings.iter().zip(&self.kept);
+        with_kept.filter(|(_, kept)| kept.contains(&true)).map(|(building, _)| building.control_point)
+    }
+
     /// For predicting with it: its covariance is scaled where the observations fit worse than was assumed.
     #[must_use]
     pub fn prediction(&self) -> Prediction {
@@ -94,20 +100,20 @@ pub struct Model<'a> {
 }
 
 impl Model<'_> {
-    /// Adjusts from `start`; `None` if the parameters are not determined or an edge comes to lie behind the camera.
+    /// Adjusts from `start`; `None` if the parameters are not determined.
     #[must_use]
     pub fn adjust(&self, buildings: Vec<Building>, start: &ExteriorOrientation) -> Option<Adjustment> {
         let mut orientation = *start;
         let mut buildings = buildings;
         for weighting in STEPS {
-            let linear = self.linearised(&buildings, &orientation, weighting)?;
+            let linear = self.linearised(&buildings, &orientation, weighting);
             let step = self.equations(&linear, &orientation).solve()?;
             orientation = orientation.moved(&step);
             for (building, own) in buildings.iter_mut().zip(&linear) {
                 building.shift_px += own.shift_step(&step)?;
             }
         }
-        let linear = self.linearised(&buildings, &orientation, Weighting::Rejecting)?;
+        let linear = self.linearised(&buildings, &orientation, Weighting::Rejecting);
         let equations = self.equations(&linear, &orientation);
         let away = orientation.step_to(&self.prior.orientation);
         let squares = linear.iter().map(|l| l.squares).sum::<f64>() + away.dot(&(self.prior.information * away));
@@ -123,12 +129,7 @@ impl Model<'_> {
         })
     }
 
-    fn linearised(
-        &self,
-        buildings: &[Building],
-        at: &ExteriorOrientation,
-        weighting: Weighting,
-    ) -> Option<Vec<Linear>> {
+    fn linearised(&self, buildings: &[Building], at: &ExteriorOrientation, weighting: Weighting) -> Vec<Linear> {
         buildings.iter().map(|building| self.linear(building, at, weighting)).collect()
     }
 
@@ -147,7 +148,7 @@ impl Model<'_> {
         EDGE_DEFINITION * control_point.sigma_m * self.camera.principal_distance_px / depth_m.max(1.0)
     }
 
-    fn linear(&self, building: &Building, at: &ExteriorOrientation, weighting: Weighting) -> Option<Linear> {
+    fn linear(&self, building: &Building, at: &ExteriorOrientation, weighting: Weighting) -> Linear {
         let control_point = &self.control[building.control_point];
         let sigma_model_px = self.sigma_model_px(control_point, at);
         // the stated accuracy of the coordinates moves the building as a whole as well
@@ -158,12 +159,16 @@ impl Model<'_> {
             pieces[found.edge] += 1;
         }
         for found in &building.matches {
-            let piece = self.piece(building, found, at)?;
+            // an end of the edge behind the camera
+            let Some(piece) = self.piece(building, found, at) else {
+                linear.kept.push(false);
+                continue;
+            };
             // the pieces of one edge share its errors: together they count as one
             let variance = sigma_model_px.powi(2) * f64::from(pieces[found.edge]);
             linear.add(&piece, variance, weighting);
         }
-        Some(linear)
+        linear
     }
 
     fn piece(&self, building: &Building, found: &Match, at: &ExteriorOrientation) -> Option<Piece> {
@@ -370,7 +375,7 @@ mod tests {
         // the right-hand side is minus half the gradient of the sum of squares
         let building = &buildings[3];
         let squares = |step: &Vector6<f64>| {
-            let linear = model.linear(building, &truth().moved(step), Weighting::Rejecting).unwrap();
+            let linear = model.linear(building, &truth().moved(step), Weighting::Rejecting);
             (linear.squares, linear.right_side)
         };
         let at = Vector6::new(0.01, 0.02, -0.01, 1e-5, -2e-5, 1e-5);

@@ -1,5 +1,7 @@
 //! Orientations from candidates: out of pairs, grown control point by control point, refined round by round.
 
+use nalgebra::Vector2;
+
 use super::extract::Extraction;
 use super::gate::{Gate, Located, Round, Scale, Seed, largest_sigma};
 use super::locate::{Clustering, Peak, shift_map};
@@ -37,12 +39,8 @@ struct Pair {
 }
 
 impl Search<'_> {
-    /// Orientations from pairs of candidates, best first, and how many pairs were oriented.
-    pub(super) fn paired(
-        &self,
-        candidates: &[Vec<Candidate>],
-        cancelled: &dyn Fn() -> bool,
-    ) -> (Vec<Hypothesis>, usize) {
+    /// Orientations from pairs of candidates, best first.
+    pub(super) fn paired(&self, candidates: &[Vec<Candidate>], go_on: &dyn Fn() -> bool) -> Vec<Hypothesis> {
         let mut strongest: Vec<(Seed, &ExteriorOrientation)> = Vec::new();
         for (control_point, of_one) in candidates.iter().enumerate() {
             strongest.extend(of_one.iter().map(|c| (Seed { control_point, peak: c.peak }, &c.view)));
@@ -51,19 +49,17 @@ impl Search<'_> {
         strongest.truncate(PAIRED);
         let peaks: Vec<Vec<Peak>> = candidates.iter().map(|c| c.iter().map(|c| c.peak).collect()).collect();
         let mut pairs = Vec::new();
-        let mut examined = 0;
-        for (k, (second, _)) in strongest.iter().enumerate().take_while(|_| !cancelled()) {
+        for (k, (second, _)) in strongest.iter().enumerate().take_while(|_| go_on()) {
             for (first, view) in strongest[..k].iter().filter(|(s, _)| s.control_point != second.control_point) {
-                examined += 1;
                 pairs.extend(self.pair([*first, *second], view, &peaks));
             }
         }
         pairs.sort_by(|a: &Pair, b| b.rating.total_cmp(&a.rating));
-        let best = pairs.iter().take(GROWN).take_while(|_| !cancelled());
+        let best = pairs.iter().take(GROWN).take_while(|_| go_on());
         let mut hypotheses: Vec<Hypothesis> =
             best.filter_map(|pair| self.grown(&pair.seeds, &pair.start, &peaks, WIDE)).collect();
         hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
-        (hypotheses, examined)
+        hypotheses
     }
 
     fn pair(&self, seeds: [Seed; 2], view: &ExteriorOrientation, peaks: &[Vec<Peak>]) -> Option<Pair> {
@@ -74,13 +70,28 @@ impl Search<'_> {
     }
 
     fn fit(&self, seeds: &[Seed], prior: &Prior, start: &ExteriorOrientation, scale: Scale) -> Option<Resection> {
-        let observation = |seed: &Seed| PointObservation {
-            object_m: self.control[seed.control_point].reference_m,
-            image_px: seed.peak.at_px,
-            sigma_px: scale.sigma_px,
-        };
+        let observation = |seed: &Seed| self.observation(seed.control_point, seed.peak.at_px, scale.sigma_px, start);
         let points: Vec<PointObservation> = seeds.iter().map(observation).collect();
         resect(&points, Some(prior), start, self.camera.principal_distance_px)
+    }
+
+    /// A located reference point as an observation, the accuracy of the control point in it.
+    #[must_use]
+    pub fn observation(
+        &self,
+        control_point: usize,
+        image_px: Vector2<f64>,
+        sigma_located_px: f64,
+        at: &ExteriorOrientation,
+    ) -> PointObservation {
+        let reference = &self.control[control_point];
+        let depth_m = -at.camera_coordinates(reference.reference_m).z;
+        let sigma_control_px = reference.sigma_m * self.camera.principal_distance_px / depth_m.max(1.0);
+        PointObservation {
+            object_m: reference.reference_m,
+            image_px,
+            sigma_px: sigma_located_px.hypot(sigma_control_px),
+        }
     }
 
     /// Where a control point is expected.

@@ -37,19 +37,6 @@ pub struct Hypothesis {
     pub score: f64,
 }
 
-/// What the search cost.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SearchCost {
-    /// Rotations under which the control points were located.
-    pub views: usize,
-    /// Candidates for control points.
-    pub candidates: usize,
-    /// Pairs of candidates that were oriented.
-    pub pairs: usize,
-    /// Hypotheses that were refined.
-    pub refined: usize,
-}
-
 /// Steps of the rotation up to this to either side leave the shape of a building as it is, to a cell of shifts.
 const HALF_VIEW_RAD: f64 = 5.2 * std::f64::consts::PI / 180.0;
 /// The approximation is believed up to so many of its standard deviations.
@@ -66,6 +53,9 @@ const WIDE_DIRECTION_RAD: f64 = 7.0 * std::f64::consts::PI / 180.0;
 const PEAKS_OF_A_VIEW: usize = 10;
 const PEAKS_OF_A_CONTROL_POINT: usize = 40;
 const REFINED: usize = 14;
+/// How much of the work is done after the views, and after the pairs.
+const SHARE_OF_VIEWS: f64 = 0.7;
+const SHARE_BEFORE_REFINING: f64 = 0.85;
 /// Hypotheses that predict the same to so many pixels are the same.
 const DIFFERENT_PX: f64 = 25.0;
 
@@ -77,36 +67,37 @@ pub(super) struct Candidate {
 }
 
 impl Search<'_> {
-    /// The best hypotheses that differ from one another, best first; empty if nothing speaks for any.
+    /// The best hypotheses that differ from one another, best first; empty if nothing speaks for any. `go_on` hears
+    /// how much is done (0 to 1), and ends the search, with nothing, by answering no.
     ///
     /// # Errors
     /// [`PictureError`] if the picture cannot be read where control points are expected.
     pub fn run(
         &self,
         extraction: &mut Extraction,
-        cancelled: &dyn Fn() -> bool,
-    ) -> Result<(Vec<Hypothesis>, SearchCost), PictureError> {
+        go_on: &dyn Fn(f64) -> bool,
+    ) -> Result<Vec<Hypothesis>, PictureError> {
         let views = self.views();
         let mut candidates: Vec<Vec<Candidate>> = vec![Vec::new(); self.control.len()];
-        for view in views.iter().take_while(|_| !cancelled()) {
+        for (k, view) in views.iter().enumerate() {
+            if !go_on(SHARE_OF_VIEWS * k as f64 / views.len() as f64) {
+                return Ok(Vec::new());
+            }
             for (control_point, of_one) in self.control.iter().zip(&mut candidates) {
                 self.locate_wide(view, control_point, extraction, of_one)?;
             }
         }
         candidates.iter_mut().for_each(keep_best);
-        let (hypotheses, pairs) = self.paired(&candidates, cancelled);
+        let hypotheses = self.paired(&candidates, &|| go_on(SHARE_OF_VIEWS));
         let mut refined = Vec::new();
-        for hypothesis in self.distinct(hypotheses).iter().take(REFINED).take_while(|_| !cancelled()) {
+        for hypothesis in self.distinct(hypotheses).iter().take(REFINED) {
+            if !go_on(SHARE_BEFORE_REFINING) {
+                return Ok(Vec::new());
+            }
             refined.extend(self.refined(hypothesis, extraction)?);
         }
-        let cost = SearchCost {
-            views: views.len(),
-            candidates: candidates.iter().map(Vec::len).sum(),
-            pairs,
-            refined: refined.len(),
-        };
         refined.sort_by(|a: &Hypothesis, b| b.score.total_cmp(&a.score));
-        Ok((self.distinct(refined), cost))
+        Ok(self.distinct(refined))
     }
 
     /// Orientations that cover what the approximation allows, each with the covariance of what remains open.

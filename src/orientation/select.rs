@@ -1,4 +1,5 @@
-//! Which control points to use where there are many: distinctive ones, well spread over the ground.
+//! Which control points to use where there are many: those that may be in view, distinctive, well spread over the
+//! ground.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -6,6 +7,28 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use super::ControlPoint;
+use super::gate::largest_sigma;
+use super::predict::{Approximation, Prediction};
+use crate::geometry::Camera;
+
+/// So many standard deviations beside the frame a control point may still be in view.
+const BESIDE_SIGMAS: f64 = 3.0;
+
+/// The control points whose reference point may be in the image.
+#[must_use]
+pub fn maybe_in_view(control: &[ControlPoint], camera: &Camera, approximation: &Approximation) -> Vec<ControlPoint> {
+    let orientation = approximation.orientation;
+    let covariance = approximation.prior(&orientation).and_then(|prior| prior.information.try_inverse());
+    let Some(covariance) = covariance else { return Vec::new() };
+    let prediction = Prediction { orientation, covariance };
+    let radius_px = camera.frame_radius_px();
+    let may_be = |point: &&ControlPoint| {
+        let expected = prediction.image_of(camera, point.reference_m, point.sigma_m);
+        expected
+            .is_some_and(|(image, covariance)| image.norm() < radius_px + BESIDE_SIGMAS * largest_sigma(&covariance))
+    };
+    control.iter().filter(may_be).cloned().collect()
+}
 
 /// Cells along a side of the grid over the ground that makes the selection well spread.
 const CELLS: f64 = 8.0;

@@ -28,7 +28,7 @@ pub(super) fn control_point_results(
 }
 
 /// Indices of the control points that the results speak of, in their order.
-fn in_view(search: &Search, adjustment: Option<&Adjustment>) -> impl Iterator<Item = usize> {
+pub(super) fn in_view(search: &Search, adjustment: Option<&Adjustment>) -> impl Iterator<Item = usize> {
     let orientation = adjustment.map_or(search.approximation.orientation, |a| a.orientation);
     let c = search.camera.principal_distance_px;
     (0..search.control.len()).filter(move |index| {

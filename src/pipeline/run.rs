@@ -2,21 +2,20 @@
 
 use nalgebra::Matrix6;
 
-use super::outcome::{control_point_results, edge_results};
+use super::outcome::{control_point_results, edge_results, in_view};
 use super::{Approximation, Estimate, Fault, GroundPrecision, Observer, Outcome, Stage, Task, Tolerance};
 use crate::diagnosis::thresholds::{Evidence, Thresholds, judge, not_oriented};
-use crate::diagnosis::{Diagnosis, Features, ground_precision, lambda_max, reference_covariance};
+use crate::diagnosis::{Diagnosis, Features, d_max_m, ground_precision, lambda_max, reference_covariance};
 use crate::estimation::{Consensus, PointObservation, Prior, Resection, complete_search, quadruples, resect};
 use crate::features::Picture;
-use crate::geometry::Camera;
+use crate::geometry::{Camera, ExteriorOrientation};
 use crate::orientation::ControlPoint;
 use crate::orientation::adjust::{Adjustment, SIGMA_SHIFT_PX};
 use crate::orientation::collect::{adjust_with_lines, log_odds};
 use crate::orientation::extract::Extraction;
-use crate::orientation::gate::Located;
 use crate::orientation::predict::Prediction;
 use crate::orientation::search::{Hypothesis, Search};
-use crate::orientation::select::well_spread;
+use crate::orientation::select::{maybe_in_view, well_spread};
 
 /// Control points that an image is oriented by, at most: the search costs time for each, and a few dozen that are
 /// well spread say all.
@@ -24,8 +23,6 @@ const MOST_CONTROL_POINTS: usize = 60;
 /// Hypotheses that are adjusted with lines: those whose log odds are not hopelessly behind the best.
 const ADJUSTED: usize = 6;
 const HOPELESSLY_BEHIND: f64 = 40.0;
-/// Orientations whose projection differs by less than this everywhere on the frame are one.
-const SAME_ORIENTATION_PX: f64 = 40.0;
 /// Version B's complete search up to so many points (848 subsets at 10, 3797 at 12), version A beyond.
 const COMPLETE_SEARCH_POINTS: usize = 12;
 const MOST_SUBSETS: usize = 4_000;
@@ -51,7 +48,8 @@ pub fn orient(
 ) -> Result<Outcome, Fault> {
     let run = Run { picture, task, observer };
     run.enter(Stage::Predict, 0.0)?;
-    let control = well_spread(control, MOST_CONTROL_POINTS);
+    let in_view = maybe_in_view(control, &task.camera, &task.approximation);
+    let control = well_spread(&in_view, MOST_CONTROL_POINTS);
     if control.is_empty() {
         let detail = "no control point lies where this image can look: import control points for this area, or check \
                       the approximate position";
@@ -91,12 +89,16 @@ impl Run<'_> {
         self.enter(Stage::Extract, 0.05)?;
         let mut extraction = Extraction::new(self.picture, camera, typical_edge_px(control, camera, approximation));
         self.enter(Stage::Locate, 0.1)?;
-        let (hypotheses, _) = search.run(&mut extraction, &|| self.observer.cancelled())?;
+        let go_on = |done: f64| {
+            self.observer.progress(Stage::Locate, 0.1 + 0.6 * done);
+            !self.observer.cancelled()
+        };
+        let hypotheses = search.run(&mut extraction, &go_on)?;
         self.enter(Stage::Resect, 0.7)?;
         let mut solutions = Vec::new();
         let least_score = hypotheses.first().map_or(0.0, |best| best.score) - HOPELESSLY_BEHIND;
-        let promising = hypotheses.iter().take(ADJUSTED).filter(|h| h.score >= least_score);
-        for (k, hypothesis) in promising.enumerate() {
+        let promising = hypotheses.iter().take(ADJUSTED).take_while(|h| h.score >= least_score).count();
+        for (k, hypothesis) in hypotheses[..promising].iter().enumerate() {
             self.enter(Stage::Adjust, 0.75 + 0.2 * k as f64 / ADJUSTED as f64)?;
             solutions.extend(self.solve(&search, hypothesis, &mut extraction)?);
         }
@@ -105,8 +107,10 @@ impl Run<'_> {
         let Some(best) = solutions.first() else {
             return Ok(self.not_found(&search, &hypotheses));
         };
-        let differs = |other: &&Solution| self.differ(&best.adjustment, &other.adjustment);
-        let runner_up = solutions.iter().skip(1).find(differs).map_or(0.0, |s| s.log_odds.max(0.0));
+        let adjusted = solutions.iter().skip(1).map(|s| (&s.adjustment.orientation, s.log_odds));
+        let not_adjusted = hypotheses[promising..].iter().map(|h| (&h.prediction.orientation, h.score));
+        let rivals = adjusted.chain(not_adjusted).filter(|(other, _)| self.differ(&search, best, other));
+        let runner_up = rivals.map(|(_, log_odds)| log_odds).fold(0.0, f64::max);
         Ok(self.outcome(&search, &extraction, best, runner_up))
     }
 
@@ -118,7 +122,7 @@ impl Run<'_> {
         extraction: &mut Extraction,
     ) -> Result<Option<Solution>, Fault> {
         let Some(prior) = search.approximation.prior(&hypothesis.prediction.orientation) else { return Ok(None) };
-        let points = points(search, &hypothesis.located);
+        let points = points(search, hypothesis);
         let Some(consensus) = self.consensus(&points, &prior, hypothesis) else { return Ok(None) };
         let (start, features) = self.after_points(&points, &consensus, &prior);
         let Some(adjustment) = adjust_with_lines(search, &start, extraction)? else { return Ok(None) };
@@ -141,12 +145,25 @@ impl Run<'_> {
                 let lambda = reference.as_ref().and_then(|r| lambda_max(&fit.covariance, r));
                 lambda.is_some_and(|l| l <= ACCEPTABLE_CONFIGURATION)
             };
-            quadruples(surest, Some(prior), start, c, &acceptable, TOLERANCE_PX, &|| self.observer.cancelled())
+            let cancelled = || self.observer.cancelled();
+            quadruples(surest, Some(prior), start, c, &acceptable, TOLERANCE_PX, &cancelled)
+                .map(|found| self.with_all_that_fit(points, found))
         };
         found.or_else(|| {
             let resection = resect(points, Some(prior), start, c)?;
             Some(Consensus { resection, inliers: (0..points.len()).collect(), trials: 1, complete: false })
         })
+    }
+
+    /// Version A draws from the surest points only; whether the others fit is seen afterwards.
+    fn with_all_that_fit(&self, points: &[PointObservation], found: Consensus) -> Consensus {
+        let c = self.task.camera.principal_distance_px;
+        let fits = |point: &PointObservation| {
+            let image = found.resection.orientation.reduced_px(c, point.object_m);
+            image.is_some_and(|image| (image - point.image_px).norm() < TOLERANCE_PX)
+        };
+        let inliers = points.iter().enumerate().filter(|(_, point)| fits(point)).map(|(index, _)| index).collect();
+        Consensus { inliers, ..found }
     }
 
     fn after_points(
@@ -164,7 +181,7 @@ impl Run<'_> {
             .unwrap_or(f64::INFINITY);
         let features = Features {
             control_points: points.len(),
-            eliminated: points.len() - consensus.inliers.len(),
+            eliminated: points.len().saturating_sub(consensus.inliers.len()),
             log_sigma0: fit.sigma0().max(SMALLEST_SIGMA0).ln(),
             log_configuration: configuration.min(LARGEST_CONFIGURATION).ln(),
         };
@@ -179,21 +196,28 @@ impl Run<'_> {
         reference_covariance(&self.task.camera, &prediction.orientation, height_m, sigma_px, Some(prior))
     }
 
-    /// Whether two adjusted orientations see the ground differently.
-    fn differ(&self, a: &Adjustment, b: &Adjustment) -> bool {
-        let camera = &self.task.camera;
-        let c = camera.principal_distance_px;
-        let turned = b.orientation.camera_from_object * a.orientation.camera_from_object.inverse();
-        let depth_px = (a.orientation.projection_centre_m - b.orientation.projection_centre_m).norm() * c
-            / a.orientation.projection_centre_m.z.abs().max(1.0);
-        turned.angle() * c + depth_px > SAME_ORIENTATION_PX
+    /// Whether another orientation sees the ground differently by more than the user can accept.
+    fn differ(&self, search: &Search, best: &Solution, other: &ExteriorOrientation) -> bool {
+        let height_m = mean_height_m(search.control, &best.adjustment);
+        let own = &best.adjustment.orientation;
+        d_max_m(&self.task.camera, other, own, height_m).is_none_or(|d| d > self.tolerance_m(own, height_m))
+    }
+
+    fn tolerance_m(&self, orientation: &ExteriorOrientation, height_m: f64) -> f64 {
+        match self.task.tolerance {
+            Tolerance::Metres(metres) => metres,
+            Tolerance::Gsd(gsd) => {
+                let depth_m = orientation.projection_centre_m.z - height_m;
+                gsd * depth_m / self.task.camera.principal_distance_px
+            }
+        }
     }
 
     fn not_found(&self, search: &Search, hypotheses: &[Hypothesis]) -> Outcome {
         let located = hypotheses.first().map_or(0, |h| h.located.len());
         let detail = format!(
-            "of {} control points around, {located} were found where one orientation has them; at least two are needed to \
-             go on, and four for a verdict: the image may lie elsewhere, or show too little of the control",
+            "of {} control points around, {located} were found where one orientation has them, and their lines do not \
+             determine it: the image may lie elsewhere, or show too little of the control",
             search.control.len()
         );
         let code = if located == 0 { "nothing_located" } else { "not_determined" };
@@ -239,17 +263,14 @@ impl Run<'_> {
             let step = adjustment.orientation.step_to(&prior.orientation);
             step.dot(&(prior.information * step))
         });
-        let depth_m = adjustment.orientation.projection_centre_m.z - height_m;
         let evidence = Evidence {
             features: best.features,
             sigma0: adjustment.sigma0(),
             configuration: self.configuration(search, adjustment, height_m),
-            control_points: adjustment.buildings.len(),
+            control_points: adjustment.held_by().count(),
+            control_points_in_view: in_view(search, Some(adjustment)).count(),
             sigma_planimetric_m: if ground.len() == 9 { sigma } else { f64::INFINITY },
-            tolerance_m: match self.task.tolerance {
-                Tolerance::Metres(metres) => metres,
-                Tolerance::Gsd(gsd) => gsd * depth_m / self.task.camera.principal_distance_px,
-            },
+            tolerance_m: self.tolerance_m(&adjustment.orientation, height_m),
             log_odds: best.log_odds,
             runner_up_log_odds: runner_up,
             distance_from_approximation: away,
@@ -262,9 +283,7 @@ impl Run<'_> {
         let camera = &self.task.camera;
         let orientation = &adjustment.orientation;
         let depth_m = (orientation.projection_centre_m.z - height_m).max(1.0);
-        let count = adjustment.buildings.len().max(1) as f64;
-        let used = adjustment.buildings.iter().map(|b| search.control[b.control_point].sigma_m);
-        let sigma_m = used.sum::<f64>() / count;
+        let sigma_m = mean(adjustment.held_by().map(|index| search.control[index].sigma_m));
         let sigma_px = (sigma_m * camera.principal_distance_px / depth_m).hypot(SIGMA_SHIFT_PX);
         let prior = search.approximation.prior(orientation);
         reference_covariance(camera, orientation, height_m, sigma_px, prior.as_ref())
@@ -278,15 +297,11 @@ const SMALLEST_SIGMA0: f64 = 1e-3;
 const LARGEST_CONFIGURATION: f64 = 1e9;
 
 /// The located control points as observations, surest first.
-fn points(search: &Search, located: &[Located]) -> Vec<PointObservation> {
-    let mut located = located.to_vec();
+fn points(search: &Search, hypothesis: &Hypothesis) -> Vec<PointObservation> {
+    let mut located = hypothesis.located.clone();
     located.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
-    let observation = |l: &Located| PointObservation {
-        object_m: search.control[l.control_point].reference_m,
-        image_px: l.at_px,
-        sigma_px: l.sigma_px,
-    };
-    located.iter().map(observation).collect()
+    let at = &hypothesis.prediction.orientation;
+    located.iter().map(|l| search.observation(l.control_point, l.at_px, l.sigma_px, at)).collect()
 }
 
 /// The median length in the image of the edges, roughly: it decides at which resolutions segments are extracted.
@@ -309,6 +324,10 @@ fn typical_edge_px(control: &[ControlPoint], camera: &Camera, approximation: &Ap
 
 /// The mean height of the control used.
 fn mean_height_m(control: &[ControlPoint], adjustment: &Adjustment) -> f64 {
-    let heights = adjustment.buildings.iter().map(|b| control[b.control_point].reference_m.z);
-    heights.sum::<f64>() / adjustment.buildings.len().max(1) as f64
+    mean(adjustment.held_by().map(|index| control[index].reference_m.z))
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    sum / f64::max(count, 1.0)
 }
