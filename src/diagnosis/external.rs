@@ -2,10 +2,8 @@
 
 use nalgebra::Vector2;
 
+use super::precision::grid_px;
 use crate::geometry::{Camera, ExteriorOrientation};
-
-/// The image points of the comparison, as shares of width and height: a 3 x 3 grid that leaves a margin.
-const GRID: [f64; 3] = [0.05, 0.5, 0.95];
 
 /// D_max of Förstner and Läbe (equation 3): the largest planimetric distance, over a 3 x 3 grid of image points, of the
 /// points in which the rays of both orientations meet the horizontal plane at `ground_height_m`. Both orientations and
@@ -19,15 +17,13 @@ pub fn d_max_m(
     truth: &ExteriorOrientation,
     ground_height_m: f64,
 ) -> Option<f64> {
-    let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
-    let points = GRID.iter().flat_map(|u| GRID.iter().map(move |v| Vector2::new(u * width, v * height)));
     let distance = |pixel: Vector2<f64>| {
         let reduced = camera.reduced_from_pixel(pixel)?;
         let ground = |o: &ExteriorOrientation| o.ground_point_m(camera.principal_distance_px, reduced, ground_height_m);
         let true_point = ground(truth)?;
         Some(ground(estimate).map_or(f64::INFINITY, |point| (point - true_point).xy().norm()))
     };
-    points.filter_map(distance).reduce(f64::max)
+    grid_px(camera).into_iter().filter_map(distance).reduce(f64::max)
 }
 
 #[cfg(test)]

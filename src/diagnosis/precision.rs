@@ -15,8 +15,13 @@ pub struct GroundPrecision {
     pub sigma_planimetric_m: f64,
 }
 
-/// The image points, as shares of width and height.
-const GRID: [f64; 3] = [0.05, 0.5, 0.95];
+/// The nine image points, in pixels of the file, at which errors on the ground are looked at: a 3 x 3 grid that leaves
+/// a margin, row by row.
+pub(super) fn grid_px(camera: &Camera) -> [Vector2<f64>; 9] {
+    const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
+    let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
+    std::array::from_fn(|k| Vector2::new(SHARES[k % 3] * width, SHARES[k / 3] * height))
+}
 
 /// The planimetric precision on the horizontal plane at `height_m` of the nine image points at 5, 50 and 95 % of
 /// width and height, row by row, from the covariance of `[dX0, theta]`. The image points themselves are taken to be
@@ -28,8 +33,6 @@ pub fn ground_precision(
     covariance: &Matrix6<f64>,
     height_m: f64,
 ) -> Vec<GroundPrecision> {
-    let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
-    let grid = GRID.iter().flat_map(|down| GRID.iter().map(move |across| Vector2::new(across * width, down * height)));
     let at = |image_px: Vector2<f64>| {
         let reduced_px = camera.reduced_from_pixel(image_px)?;
         let c = camera.principal_distance_px;
@@ -38,7 +41,7 @@ pub fn ground_precision(
         let variance = (jacobian * covariance * jacobian.transpose()).trace();
         Some(GroundPrecision { image_px, ground_m, sigma_planimetric_m: variance.max(0.0).sqrt() })
     };
-    grid.filter_map(at).collect()
+    grid_px(camera).into_iter().filter_map(at).collect()
 }
 
 /// The derivatives of east and north of the point where a ray meets a horizontal plane, by `[dX0, theta]`.

@@ -270,10 +270,9 @@ impl Linear {
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
-    use rand::{Rng, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::estimation::simulated::Draws;
     use crate::geometry::{Brown, Segment2, Segment3, rotation};
 
     const C_PX: f64 = 3000.0;
@@ -301,32 +300,27 @@ mod tests {
         (0..9).map(house).collect()
     }
 
-    fn normal(rng: &mut ChaCha8Rng) -> f64 {
-        let (a, b): (f64, f64) = (rng.random_range(1e-12..1.0), rng.random());
-        (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-    }
-
     const SEGMENT_VARIANCE: f64 = 0.02;
 
     /// The segments of all edges with the errors that the adjustment assumes, scaled by `noise`.
-    fn photograph(control: &[ControlPoint], noise: f64, rng: &mut ChaCha8Rng) -> (Vec<ObservedSegment>, Vec<Building>) {
+    fn photograph(control: &[ControlPoint], noise: f64, draws: &mut Draws) -> (Vec<ObservedSegment>, Vec<Building>) {
         let (mut observed, mut buildings) = (Vec::new(), Vec::new());
         for (index, house) in control.iter().enumerate() {
             let depth_m = -truth().camera_coordinates(house.reference_m).z;
             let sigma_m_px = house.sigma_m * C_PX / depth_m;
-            let shift = Vector2::new(normal(rng), normal(rng)) * (noise * sigma_m_px.hypot(SIGMA_SHIFT_PX));
+            let shift = Vector2::new(draws.normal(), draws.normal()) * (noise * sigma_m_px.hypot(SIGMA_SHIFT_PX));
             let mut matches = Vec::new();
             for (edge, line) in house.edges_m.iter().enumerate() {
-                let whole = SHIFT_OF_THE_EDGE.sqrt() * normal(rng);
+                let whole = SHIFT_OF_THE_EDGE.sqrt() * draws.normal();
                 let mut end = |point| {
                     let exact = truth().reduced_px(C_PX, point).unwrap() + shift;
-                    let own = (1.0 - SHIFT_OF_THE_EDGE).sqrt() * normal(rng);
+                    let own = (1.0 - SHIFT_OF_THE_EDGE).sqrt() * draws.normal();
                     (exact, noise * EDGE_DEFINITION * sigma_m_px * (whole + own))
                 };
                 let ((start, by_start), (stop, by_stop)) = (end(line.start), end(line.end));
                 let across = Segment2 { start, end: stop }.normal();
                 // errors of the ends of a line that was fitted to edge pixels: variances 4, covariance -2
-                let (own, common) = (normal(rng), normal(rng));
+                let (own, common) = (draws.normal(), draws.normal());
                 let size = noise * SEGMENT_VARIANCE.sqrt();
                 let fitted = [2.0 * own * size, (-own + 3.0_f64.sqrt() * common) * size];
                 let segment_px = Segment2 {
@@ -357,7 +351,7 @@ mod tests {
     #[test]
     fn without_errors_the_true_orientation_comes_back() {
         let (camera, control) = (camera(), town());
-        let (observed, buildings) = photograph(&control, 0.0, &mut ChaCha8Rng::seed_from_u64(1));
+        let (observed, buildings) = photograph(&control, 0.0, &mut Draws::new(1));
         let prior = prior(truth());
         let model = Model { camera: &camera, control: &control, observed: &observed, prior: &prior };
         let start = truth().moved(&Vector6::new(0.4, -0.3, 0.5, 0.002, -0.002, 0.003));
@@ -369,7 +363,7 @@ mod tests {
     #[test]
     fn derivatives_agree_with_finite_differences() {
         let (camera, control) = (camera(), town());
-        let (observed, buildings) = photograph(&control, 0.0, &mut ChaCha8Rng::seed_from_u64(1));
+        let (observed, buildings) = photograph(&control, 0.0, &mut Draws::new(1));
         let prior = prior(truth());
         let model = Model { camera: &camera, control: &control, observed: &observed, prior: &prior };
         // the right-hand side is minus half the gradient of the sum of squares
@@ -393,12 +387,12 @@ mod tests {
     fn the_covariance_is_the_scatter_of_a_thousand_adjustments() {
         const RUNS: u32 = 1000;
         let (camera, control) = (camera(), town());
-        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let mut draws = Draws::new(7);
         let (mut distances, mut variance_factors) = (0.0, 0.0);
         for _ in 0..RUNS {
-            let (observed, buildings) = photograph(&control, 1.0, &mut rng);
+            let (observed, buildings) = photograph(&control, 1.0, &mut draws);
             let sigmas = prior(truth()).information.diagonal().map(|w| 1.0 / w.sqrt());
-            let prior = prior(truth().moved(&sigmas.map(|s| s * normal(&mut rng))));
+            let prior = prior(truth().moved(&sigmas.map(|s| s * draws.normal())));
             let model = Model { camera: &camera, control: &control, observed: &observed, prior: &prior };
             let adjusted = model.adjust(buildings, &truth()).unwrap();
             let error = adjusted.orientation.step_to(&truth());
@@ -413,7 +407,7 @@ mod tests {
     #[test]
     fn a_segment_of_another_edge_loses_its_weight() {
         let (camera, control) = (camera(), town());
-        let (mut observed, buildings) = photograph(&control, 0.0, &mut ChaCha8Rng::seed_from_u64(1));
+        let (mut observed, buildings) = photograph(&control, 0.0, &mut Draws::new(1));
         let away = observed[5].segment_px.normal() * 9.0;
         observed[5].segment_px.start += away;
         observed[5].segment_px.end += away;
@@ -428,7 +422,7 @@ mod tests {
     #[test]
     fn one_building_with_one_edge_is_determined_by_the_prior_alone() {
         let (camera, control) = (camera(), town());
-        let (observed, mut buildings) = photograph(&control, 0.0, &mut ChaCha8Rng::seed_from_u64(1));
+        let (observed, mut buildings) = photograph(&control, 0.0, &mut Draws::new(1));
         buildings.truncate(1);
         buildings[0].matches.truncate(1);
         let prior = prior(truth());

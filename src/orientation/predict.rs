@@ -108,16 +108,10 @@ pub fn edges_on_frame_px(
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector6;
-    use rand::{Rng, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::estimation::simulated::Draws;
     use crate::geometry::{Brown, Segment3};
-
-    fn normal(rng: &mut ChaCha8Rng) -> f64 {
-        let (a, b): (f64, f64) = (rng.random_range(1e-12..1.0), rng.random());
-        (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-    }
 
     fn camera() -> Camera {
         Camera::new([4000, 3000], 3000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap()
@@ -136,9 +130,9 @@ mod tests {
     }
 
     /// An orientation drawn with the sigmas of the approximation, angle by angle.
-    fn drawn(a: &Approximation, rng: &mut ChaCha8Rng) -> ExteriorOrientation {
+    fn drawn(a: &Approximation, draws: &mut Draws) -> ExteriorOrientation {
         let [omega, phi, kappa] = rotation::angles(&a.orientation.camera_from_object);
-        let mut error = |sigma: f64| sigma * normal(rng);
+        let mut error = |sigma: f64| sigma * draws.normal();
         let centre = Vector3::from_iterator(a.sigma_position_m.iter().map(|s| error(*s)));
         let camera_from_object = rotation::camera_from_object(
             omega + error(a.sigma_tilt_rad),
@@ -153,9 +147,9 @@ mod tests {
         const RUNS: u32 = 4000;
         let a = approximation();
         let prior = a.prior(&a.orientation).unwrap();
-        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut draws = Draws::new(3);
         let distances = (0..RUNS).map(|_| {
-            let step: Vector6<f64> = drawn(&a, &mut rng).step_to(&prior.orientation);
+            let step: Vector6<f64> = drawn(&a, &mut draws).step_to(&prior.orientation);
             step.dot(&(prior.information * step))
         });
         let mean = distances.sum::<f64>() / f64::from(RUNS);
@@ -169,10 +163,10 @@ mod tests {
         let covariance = a.prior(&a.orientation).unwrap().information.try_inverse().unwrap();
         let prediction = Prediction { orientation: a.orientation, covariance };
         let (image, claimed) = prediction.image_of(&camera, point, 0.0).unwrap();
-        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut draws = Draws::new(4);
         let mut scatter = Matrix2::zeros();
         for _ in 0..RUNS {
-            let away = drawn(&a, &mut rng).reduced_px(camera.principal_distance_px, point).unwrap() - image;
+            let away = drawn(&a, &mut draws).reduced_px(camera.principal_distance_px, point).unwrap() - image;
             scatter += away * away.transpose() / f64::from(RUNS);
         }
         assert!((scatter - claimed).norm() < 0.06 * claimed.norm(), "{scatter} {claimed}");

@@ -97,7 +97,7 @@ pub struct ControlPointResult {
     pub name: String,
     /// Its reference point under the approximate orientation, in pixels of the file.
     pub predicted_px: Option<Vector2<f64>>,
-    /// Its reference point where it was found.
+    /// Its reference point where the adjustment found it; `None` if it took no part.
     pub located_px: Option<Vector2<f64>>,
     /// Whether it took part in the last step.
     pub used: bool,
