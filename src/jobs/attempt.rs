@@ -23,6 +23,8 @@ use crate::store::orientations::{self, Failure, Finished, Orientation, Status};
 
 /// How often the progress of an attempt is written to its row.
 const NOTE_INTERVAL: Duration = Duration::from_millis(500);
+/// Tries to write a row once the service is ending.
+const LAST_TRIES: usize = 8;
 /// After the database has failed, before it is tried again; doubled each time, up to the longest.
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
@@ -180,7 +182,15 @@ impl Inner {
             let _ = tokio::time::timeout(pause, self.stopping.cancelled()).await;
             pause = (2 * pause).min(LONGEST_PAUSE);
         }
-        // a last time: what has come out should not be lost to a service that ends in order
+        // a few last times, quickly: what has come out should not be lost to a service that ends in order while another
+        // connection holds the database
+        for _ in 1..LAST_TRIES {
+            match step().await {
+                Ok(done) => return Some(done),
+                Err(error) => tracing::warn!(%id, %error, "the row of an orientation cannot be written while ending"),
+            }
+            tokio::time::sleep(FIRST_PAUSE).await;
+        }
         step().await.ok()
     }
 

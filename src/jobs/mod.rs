@@ -144,6 +144,7 @@ impl Jobs {
     pub async fn run(&self, stop: CancellationToken) {
         // attempts are tasks of their own: the queue may drop what it has handed out when it ends
         let attempts = TaskTracker::new();
+        let quiet = CancellationToken::new();
         let (inner, spawner) = (self.0.clone(), attempts.clone());
         let handler = Handler::new(move |id| {
             let attempt = spawner.spawn(inner.clone().attempt(id));
@@ -159,13 +160,17 @@ impl Jobs {
             for signal in self.0.running().values() {
                 signal.interrupt();
             }
+            // the queue goes last: dropped while it writes, it can leave the database locked, and those under way
+            // could not write where they stand. What it still hands out is let be, see `attempt`
+            attempts.close();
+            attempts.wait().await;
+            quiet.cancel();
         };
-        let deliver = self.0.queue.deliver(self.0.settings.workers, handler, stop.clone());
+        let deliver = self.0.queue.deliver(self.0.settings.workers, handler, quiet.clone());
         tokio::select! {
             ((), ()) = async { tokio::join!(deliver, interrupt) } => {}
             () = self.tidy() => {}
         }
-        attempts.close();
         attempts.wait().await;
     }
 

@@ -192,7 +192,7 @@ async fn cancelling_ends_what_waits_and_what_runs() {
     let bench = Bench::new().await;
     let begun = Arc::new(AtomicUsize::new(0));
     let jobs = bench.jobs_with(endless(begun.clone()), |settings| settings.workers = 1);
-    let (stop, _ended) = start(&jobs).await;
+    let (stop, ended) = start(&jobs).await;
     let (first, second) = (bench.wanted(), bench.wanted());
     jobs.submit(&first).await.unwrap();
     until(|| begun.load(Ordering::SeqCst) == 1).await;
@@ -210,6 +210,8 @@ async fn cancelling_ends_what_waits_and_what_runs() {
     }
     assert!(!jobs.cancel(Uuid::now_v7()).await.unwrap());
     stop.cancel();
+    // the third would go on for ever
+    tokio::time::timeout(PATIENCE, ended).await.unwrap().unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread")]
