@@ -232,8 +232,8 @@ impl Run<'_> {
         let prediction = adjustment.prediction();
         let height_m = mean_height_m(search.control, adjustment);
         let ground = ground_precision(camera, &prediction.orientation, &prediction.covariance, height_m);
-        let diagnosis = self.diagnosis(search, best, runner_up, &ground, height_m);
         let configuration = self.configuration(search, adjustment, height_m);
+        let diagnosis = self.diagnosis(search, best, runner_up, &ground, height_m, configuration);
         Outcome {
             estimate: Some(Estimate {
                 orientation: adjustment.orientation,
@@ -256,6 +256,7 @@ impl Run<'_> {
         runner_up: f64,
         ground: &[GroundPrecision],
         height_m: f64,
+        configuration: f64,
     ) -> Diagnosis {
         let adjustment = &best.adjustment;
         let sigma = ground.iter().map(|g| g.sigma_planimetric_m).fold(0.0, f64::max);
@@ -266,7 +267,7 @@ impl Run<'_> {
         let evidence = Evidence {
             features: best.features,
             sigma0: adjustment.sigma0(),
-            configuration: self.configuration(search, adjustment, height_m),
+            configuration,
             control_points: adjustment.held_by().count(),
             control_points_in_view: in_view(search, Some(adjustment)).count(),
             sigma_planimetric_m: if ground.len() == 9 { sigma } else { f64::INFINITY },
