@@ -1,10 +1,17 @@
-//! Which of the located control points are right? The two searches of Förstner and Läbe (section 2.2, step 2).
+//! Which of the located control points are right? Version A of Förstner and Läbe (section 2.2, step 2), and the largest
+//! consistent set, which is what their version B looks for.
 
-use nalgebra::Vector2;
+mod eight;
+mod exact;
+mod lanes;
+mod quadruples;
+mod whitened;
 
-use super::normal::Prior;
-use super::resection::{PointObservation, Resection, resect};
-use crate::geometry::ExteriorOrientation;
+use super::PointObservation;
+use super::resection::Resection;
+
+pub use exact::largest_consistent;
+pub use quadruples::quadruples;
 
 /// The orientation that the points agree upon.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,134 +20,43 @@ pub struct Consensus {
     pub resection: Resection,
     /// Indices of the points that are right, ascending.
     pub inliers: Vec<usize>,
-    /// Subsets of the points that were tried.
-    pub trials: usize,
-    /// Whether the search came to its end; false if its budget ended it.
-    pub complete: bool,
+    /// What is known of the sets that are not the answer.
+    pub guarantee: Guarantee,
+    /// Subsets of the points that were examined.
+    pub subsets: usize,
+}
+
+/// How far a search has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Guarantee {
+    /// To its end: there is no better answer.
+    Complete,
+    /// To the end of its budget: an answer has `at_most` so many points.
+    Bounded {
+        /// Upper bound of the number of points that agree.
+        at_most: usize,
+    },
+    /// Some subsets have been looked at, and nothing is known of the others.
+    Sampled,
+}
+
+impl Guarantee {
+    /// Its name in answers: `complete`, `bounded` or `sampled`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Complete => "complete",
+            Self::Bounded { .. } => "bounded",
+            Self::Sampled => "sampled",
+        }
+    }
 }
 
 /// Fewer points than this do not check each other.
 const LEAST_POINTS: usize = 4;
 
-/// Version A: the orientation by four points whose robust sum `min(e², t²)` over all points is the smallest, among
-/// the quadruples that are `acceptable`; then that by all points with a residual below `tolerance_px`, t. (The pull of
-/// a prior goes unpunished: the sum is over the points.)
-///
-/// `None` if fewer than four points agree, none of the quadruples is acceptable, or the search is `cancelled`.
-#[must_use]
-pub fn quadruples(
-    points: &[PointObservation],
-    prior: Option<&Prior>,
-    start: &ExteriorOrientation,
-    principal_distance_px: f64,
-    acceptable: &dyn Fn(&Resection) -> bool,
-    tolerance_px: f64,
-    cancelled: &dyn Fn() -> bool,
-) -> Option<Consensus> {
-    let residuals = Residuals { points, principal_distance_px };
-    let mut best: Option<(f64, ExteriorOrientation)> = None;
-    let mut trials = 0;
-    for chosen in combinations(points.len(), LEAST_POINTS) {
-        if cancelled() {
-            return None;
-        }
-        trials += 1;
-        let four = select(points, &chosen);
-        let Some(trial) = resect(&four, prior, start, principal_distance_px).filter(acceptable) else { continue };
-        let bound = best.as_ref().map_or(f64::INFINITY, |(sum, _)| *sum);
-        if let Some(sum) = residuals.robust_sum(&trial.orientation, tolerance_px, bound) {
-            best = Some((sum, trial.orientation));
-        }
-    }
-    let (_, orientation) = best?;
-    let inliers = residuals.below(&orientation, tolerance_px);
-    if inliers.len() < LEAST_POINTS {
-        return None;
-    }
-    let resection = resect(&select(points, &inliers), prior, &orientation, principal_distance_px)?;
-    Some(Consensus { resection, inliers, trials, complete: true })
-}
-
-/// Version B: all points, and if they do not agree all subsets with one point less, with two less, down to four. The
-/// search ends on the level on which a `sigma0` falls below `largest_sigma0`, with the smallest of that level, or
-/// after `most_subsets` trials. Where nothing falls below it, the smallest of all is handed on: ask its `sigma0`.
-///
-/// `None` if there are fewer than four points, or no subset determines an orientation.
-#[must_use]
-pub fn complete_search(
-    points: &[PointObservation],
-    prior: Option<&Prior>,
-    start: &ExteriorOrientation,
-    principal_distance_px: f64,
-    largest_sigma0: f64,
-    most_subsets: usize,
-) -> Option<Consensus> {
-    let mut best: Option<(Resection, Vec<usize>)> = None;
-    let mut trials = 0;
-    let end = |best: Option<(Resection, Vec<usize>)>, trials, complete| {
-        best.map(|(resection, inliers)| Consensus { resection, inliers, trials, complete })
-    };
-    for size in (LEAST_POINTS..=points.len()).rev() {
-        for chosen in combinations(points.len(), size) {
-            if trials == most_subsets {
-                return end(best, trials, false);
-            }
-            trials += 1;
-            let smallest = best.as_ref().map_or(f64::INFINITY, |(resection, _)| resection.sigma0());
-            let trial = resect(&select(points, &chosen), prior, start, principal_distance_px);
-            if let Some(trial) = trial.filter(|t| t.sigma0() < smallest) {
-                best = Some((trial, chosen));
-            }
-        }
-        if best.as_ref().is_some_and(|(resection, _)| resection.sigma0() < largest_sigma0) {
-            break;
-        }
-    }
-    end(best, trials, true)
-}
-
 fn select(points: &[PointObservation], chosen: &[usize]) -> Vec<PointObservation> {
     chosen.iter().map(|&index| points[index]).collect()
-}
-
-/// All subsets of `size` of the indices below `count`, in lexical order.
-fn combinations(count: usize, size: usize) -> impl Iterator<Item = Vec<usize>> {
-    let first = (size <= count).then(|| (0..size).collect());
-    std::iter::successors(first, move |last: &Vec<usize>| {
-        // the last place that can still move on; those behind it follow at its heels
-        let place = (0..size).rev().find(|&place| last[place] < count - size + place)?;
-        let mut next = last.clone();
-        for (index, value) in next[place..].iter_mut().zip(last[place] + 1..) {
-            *index = value;
-        }
-        Some(next)
-    })
-}
-
-/// How far points lie from where an orientation projects them.
-struct Residuals<'a> {
-    points: &'a [PointObservation],
-    principal_distance_px: f64,
-}
-
-impl Residuals<'_> {
-    fn squared_px(&self, point: &PointObservation, at: &ExteriorOrientation) -> f64 {
-        let projected = at.reduced_px(self.principal_distance_px, point.object_m);
-        projected.map_or(f64::INFINITY, |image: Vector2<f64>| (image - point.image_px).norm_squared())
-    }
-
-    /// The sum of `min(e², t²)`; `None` as soon as it reaches `bound`.
-    fn robust_sum(&self, at: &ExteriorOrientation, tolerance_px: f64, bound: f64) -> Option<f64> {
-        self.points.iter().try_fold(0.0, |sum, point| {
-            let sum = sum + self.squared_px(point, at).min(tolerance_px.powi(2));
-            (sum < bound).then_some(sum)
-        })
-    }
-
-    fn below(&self, at: &ExteriorOrientation, tolerance_px: f64) -> Vec<usize> {
-        let near = |index: &usize| self.squared_px(&self.points[*index], at) < tolerance_px.powi(2);
-        (0..self.points.len()).filter(near).collect()
-    }
 }
 
 #[cfg(test)]
