@@ -3,15 +3,16 @@
 //! The minimum is that of `resect`; only the way there differs: a step turns by the Cayley transform of its small
 //! rotation, which agrees with the exponential to the third order.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::lanes::{Lanes, WIDTH, dot};
 use crate::estimation::{PointObservation, Prior};
 use crate::geometry::ExteriorOrientation;
 
-/// Steps at most: what has not come to rest by then has mostly no minimum nearby.
-const MOST_STEPS: usize = 6;
-/// A squared step in its own metric after which the next one changes nothing: convergence is quadratic.
+/// Steps at most, after the one that was linearised for all alike: convergence is quadratic, and from d pixels away a
+/// step leads to about d²/c pixels. What has not come to rest by then is carried on by itself.
+const MOST_STEPS: usize = 3;
+/// A squared step in its own metric after which the next one changes nothing.
 const SMALL_STEP_SQUARED: f64 = 1e-2;
 /// One observed point of each of the eight problems.
 #[derive(Clone, Copy)]
@@ -65,8 +66,8 @@ pub(super) struct EightOrientations {
     principal_distance_px: f64,
 }
 
-/// The upper triangle of the normal equations, row by row, and their right-hand side.
-type Triangle = [[Lanes; 6]; 6];
+/// The upper triangle of the normal equations, row by row, with their right-hand side as the last column.
+pub(super) type Triangle = [[Lanes; 7]; 6];
 
 impl EightOrientations {
     /// Eight times the same.
@@ -88,19 +89,30 @@ impl EightOrientations {
         }
     }
 
-    /// Gauss and Newton until all have come to rest, or it takes too long. Those without a minimum end anywhere.
+    /// Some steps of Gauss and Newton, and which of the eight have come to rest: the steps end when all that are
+    /// `wanted` have. Those without a minimum end anywhere.
     #[inline(always)]
-    pub(super) fn resect<const N: usize>(&mut self, points: &[PointLanes; N], prior: Option<&PriorLanes>) {
+    pub(super) fn resect<const N: usize>(
+        &mut self,
+        points: &[PointLanes; N],
+        prior: Option<&PriorLanes>,
+        wanted: &[bool; WIDTH],
+    ) -> [bool; WIDTH] {
+        let mut at_rest = [false; WIDTH];
         for _ in 0..MOST_STEPS {
-            let (triangle, right_side) = self.equations(points, prior);
-            let step = solve(triangle, right_side);
+            let mut triangle = self.equations(points, prior);
+            let right_side = triangle.each_ref().map(|row| row[6]);
+            let step = solve(&mut triangle);
             self.take(&step);
-            let length = dot(&step, &right_side);
-            if length.0.iter().fold(false, |moving, squared| moving | (*squared > SMALL_STEP_SQUARED)) {
-                continue;
+            let squared = dot(&step, &right_side);
+            for (rests, squared) in at_rest.iter_mut().zip(squared.0) {
+                *rests = squared < SMALL_STEP_SQUARED;
             }
-            break;
+            if wanted.iter().zip(&at_rest).fold(true, |all, (wanted, rests)| all & (*rests | !*wanted)) {
+                break;
+            }
         }
+        at_rest
     }
 
     #[inline(always)]
@@ -132,41 +144,37 @@ impl EightOrientations {
         &self,
         points: &[PointLanes; N],
         prior: Option<&PriorLanes>,
-    ) -> (Triangle, [Lanes; 6]) {
+    ) -> Triangle {
         let matrix = self.matrix();
-        let (mut triangle, mut right_side) = ([[Lanes::ZERO; 6]; 6], [Lanes::ZERO; 6]);
+        let mut triangle = [[Lanes::ZERO; 7]; 6];
+        let mut rows = [[[Lanes::ZERO; 7]; 2]; N];
+        for (rows, point) in rows.iter_mut().zip(points) {
+            self.rows(&matrix, point, rows);
+        }
+        for row in 0..6 {
+            for column in row..7 {
+                let mut sum = Lanes::ZERO;
+                for [x, y] in &rows {
+                    sum = sum + x[row] * x[column] + y[row] * y[column];
+                }
+                triangle[row][column] = sum;
+            }
+        }
         if let Some(prior) = prior {
             let misclosure = self.step_to(prior);
             for row in 0..6 {
                 for column in row..6 {
-                    triangle[row][column] = Lanes::all(prior.information[row][column]);
+                    triangle[row][column] = triangle[row][column] + Lanes::all(prior.information[row][column]);
                 }
-                right_side[row] = dot(&prior.information[row].map(Lanes::all), &misclosure);
+                triangle[row][6] = triangle[row][6] + dot(&prior.information[row].map(Lanes::all), &misclosure);
             }
         }
-        let mut rows = [[[Lanes::ZERO; 7]; 2]; N];
-        for (rows, point) in rows.iter_mut().zip(points) {
-            *rows = self.rows(&matrix, point);
-        }
-        for row in 0..6 {
-            for column in row..7 {
-                let mut sum = if column < 6 { triangle[row][column] } else { right_side[row] };
-                for [x, y] in &rows {
-                    sum = sum + x[row] * x[column] + y[row] * y[column];
-                }
-                if column < 6 {
-                    triangle[row][column] = sum;
-                } else {
-                    right_side[row] = sum;
-                }
-            }
-        }
-        (triangle, right_side)
+        triangle
     }
 
     /// The two observation equations of a point, divided by its standard deviation: six derivatives and misclosure.
     #[inline(always)]
-    fn rows(&self, matrix: &[[Lanes; 3]; 3], point: &PointLanes) -> [[Lanes; 7]; 2] {
+    fn rows(&self, matrix: &[[Lanes; 3]; 3], point: &PointLanes, rows: &mut [[Lanes; 7]; 2]) {
         let [u, v, w] = self.camera_coordinates(matrix, &point.object_m);
         let c = Lanes::all(self.principal_distance_px) * point.root_weight;
         let inverse = Lanes::all(1.0) / w;
@@ -175,14 +183,19 @@ impl EightOrientations {
         let (ca, cb) = (c * a, c * b);
         let cab = ca * b;
         // -(d image / du) R, and (d image / du) [u]x, where x = -c U/W and y = c V/W
-        let centre = |k: usize| scale * (matrix[0][k] - a * matrix[2][k]);
-        let centre_y = |k: usize| scale * (b * matrix[2][k] - matrix[1][k]);
-        let x = point.image_px[0] * point.root_weight + ca;
-        let y = point.image_px[1] * point.root_weight - cb;
-        [
-            [centre(0), centre(1), centre(2), zero - cab, c + ca * a, zero - cb, x],
-            [centre_y(0), centre_y(1), centre_y(2), c + cb * b, zero - cab, zero - ca, y],
-        ]
+        let [row_x, row_y] = rows;
+        for k in 0..3 {
+            row_x[k] = scale * (matrix[0][k] - a * matrix[2][k]);
+            row_y[k] = scale * (b * matrix[2][k] - matrix[1][k]);
+        }
+        row_x[3] = zero - cab;
+        row_x[4] = c + ca * a;
+        row_x[5] = zero - cb;
+        row_x[6] = point.image_px[0] * point.root_weight + ca;
+        row_y[3] = c + cb * b;
+        row_y[4] = zero - cab;
+        row_y[5] = zero - ca;
+        row_y[6] = point.image_px[1] * point.root_weight - cb;
     }
 
     /// The step to the prior's orientation.
@@ -202,8 +215,9 @@ impl EightOrientations {
         [centre[0], centre[1], centre[2], factor * turn[0], factor * turn[1], factor * turn[2]]
     }
 
+    /// Moves each of the eight by its step.
     #[inline(always)]
-    fn take(&mut self, step: &[Lanes; 6]) {
+    pub(super) fn take(&mut self, step: &[Lanes; 6]) {
         for (centre, step) in self.centre_m.iter_mut().zip(step) {
             *centre = *centre + *step;
         }
@@ -253,22 +267,22 @@ fn rotation_vector_factor(w: Lanes, squared: Lanes) -> Lanes {
     Lanes::all(-4.0) * sign * inverse * series
 }
 
-/// The solution by `L D L'`. Undetermined lanes give what is not a number.
+/// The solution by elimination without pivots. Undetermined lanes give what is not a number.
 #[inline(always)]
-fn solve(mut triangle: Triangle, right_side: [Lanes; 6]) -> [Lanes; 6] {
-    let mut solution = right_side;
+pub(super) fn solve(triangle: &mut Triangle) -> [Lanes; 6] {
     let mut inverse_pivots = [Lanes::ZERO; 6];
     for k in 0..6 {
-        // rows above have been subtracted already
-        inverse_pivots[k] = Lanes::all(1.0) / triangle[k][k];
-        for row in k + 1..6 {
-            let factor = triangle[k][row] * inverse_pivots[k];
-            for column in row..6 {
-                triangle[row][column] = triangle[row][column] - factor * triangle[k][column];
+        let (above, below) = triangle.split_at_mut(k + 1);
+        let pivot_row = &above[k];
+        inverse_pivots[k] = Lanes::all(1.0) / pivot_row[k];
+        for (row, below) in (k + 1..6).zip(below) {
+            let factor = pivot_row[row] * inverse_pivots[k];
+            for column in row..7 {
+                below[column] = below[column] - factor * pivot_row[column];
             }
-            solution[row] = solution[row] - factor * solution[k];
         }
     }
+    let mut solution = triangle.each_ref().map(|row| row[6]);
     for k in (0..6).rev() {
         for column in k + 1..6 {
             solution[k] = solution[k] - triangle[k][column] * solution[column];

@@ -1,7 +1,5 @@
 //! The largest consistent set, by branch and bound.
 
-use nalgebra::Vector6;
-
 use super::quadruples::quadruples;
 use super::whitened::Candidates;
 use super::{Consensus, Guarantee, LEAST_POINTS, select};
@@ -10,8 +8,9 @@ use crate::geometry::ExteriorOrientation;
 
 /// Points that are searched completely, those that come first; of those after them, the ones that fit are added.
 const MOST_POINTS: usize = 40;
-/// Quadruples that are tried to find the neighbourhood: even if 70 % of the points are wrong, forty of these are right.
-const QUADRUPLES: usize = 5_000;
+/// Quadruples that are tried to find the neighbourhood: even if 70 % of the points are wrong, sixteen of these are
+/// right.
+const QUADRUPLES: usize = 2_000;
 /// A residual of a right point, in standard deviations of its two coordinates, hardly ever exceeds this.
 const LARGEST_T: f64 = 3.3;
 /// The linearised residual sum of a set may err by so much before a consistent set is lost.

@@ -1,6 +1,5 @@
 //! Eight numbers at once, in plain arrays that the compiler turns into vector instructions.
 
-use std::array::from_fn;
 use std::ops::{Add, Div, Mul, Sub};
 
 /// Numbers that are computed side by side.
@@ -20,12 +19,20 @@ impl Lanes {
 
     #[inline(always)]
     pub(super) fn map(self, f: impl Fn(f64) -> f64) -> Self {
-        Self(from_fn(|k| f(self.0[k])))
+        let mut result = self;
+        for value in &mut result.0 {
+            *value = f(*value);
+        }
+        result
     }
 
     #[inline(always)]
     pub(super) fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        Self(from_fn(|k| f(self.0[k], other.0[k])))
+        let mut result = self;
+        for (value, other) in result.0.iter_mut().zip(&other.0) {
+            *value = f(*value, *other);
+        }
+        result
     }
 }
 

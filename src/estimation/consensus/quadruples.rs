@@ -1,13 +1,22 @@
 //! Version A: all quadruples, eight at a time.
 
-use super::eight::{EightOrientations, PointLanes, PriorLanes};
+use super::eight::{EightOrientations, PointLanes, PriorLanes, Triangle, solve};
 use super::lanes::{Lanes, WIDTH};
 use super::{Consensus, Guarantee, LEAST_POINTS, select};
-use crate::estimation::{PointObservation, Prior, Resection, resect};
+use crate::estimation::resection::equations;
+use crate::estimation::{NormalEquations, PointObservation, Prior, Resection, resect};
 use crate::geometry::ExteriorOrientation;
 
 /// Quadruples are drawn from so many points at most, those that come first: C(40, 4) = 91 390.
 pub const MOST_POINTS: usize = 40;
+
+/// Quadruples are given up if their robust sum after the first step exceeds the best by this factor: what one
+/// linearisation gets wrong does not decide there.
+const HOPELESS: f64 = 1.5;
+/// A robust sum is computed anew if it is below the best times the first of these where the eight have come to rest,
+/// times the second where they have not: then residuals may still change by a few tenths of their size.
+const ROUNDING: f64 = 1.001;
+const UNFINISHED: f64 = 1.1;
 
 /// Version A: the orientation by four points whose robust sum `min(e², t²)` over all points is the smallest, among
 /// the quadruples that are `acceptable`; then that by all points with a residual below `tolerance_px`, t. (The pull of
@@ -30,16 +39,10 @@ pub fn quadruples(
 ) -> Option<Consensus> {
     let from = points.len().min(MOST_POINTS);
     let stride = fours(from).count().div_ceil(most.max(1)).max(1);
-    let mut search = Search {
-        points,
-        prior,
-        prior_lanes: prior.map(PriorLanes::new),
-        start: EightOrientations::all(start, principal_distance_px),
-        principal_distance_px,
-        acceptable,
-        tolerance_px,
-        best: None,
-    };
+    let prior_lanes = prior.map(PriorLanes::new);
+    let survey = Survey { points, prior, prior_lanes, principal_distance_px, tolerance_px };
+    let start = Start::new(&survey, start);
+    let mut search = Search { survey, acceptable, start, best: None };
     let (mut eight, mut filled, mut subsets) = ([[0; LEAST_POINTS]; WIDTH], 0, 0);
     for chosen in fours(from).step_by(stride) {
         eight[filled] = chosen;
@@ -58,7 +61,7 @@ pub fn quadruples(
     }
     let guarantee = if stride == 1 && from == points.len() { Guarantee::Complete } else { Guarantee::Sampled };
     let (_, orientation) = search.best.take()?;
-    let inliers = search.below(&orientation);
+    let inliers = search.survey.below_tolerance(&orientation);
     if inliers.len() < LEAST_POINTS {
         return None;
     }
@@ -73,27 +76,40 @@ fn fours(count: usize) -> impl Iterator<Item = [usize; LEAST_POINTS]> {
 }
 
 struct Search<'a> {
+    survey: Survey<'a>,
+    acceptable: &'a dyn Fn(&Resection) -> bool,
+    start: Start,
+    /// The smallest robust sum with its orientation.
+    best: Option<(f64, ExteriorOrientation)>,
+}
+
+/// What was measured, and how far a residual counts.
+struct Survey<'a> {
     points: &'a [PointObservation],
     prior: Option<&'a Prior>,
     prior_lanes: Option<PriorLanes>,
-    start: EightOrientations,
     principal_distance_px: f64,
-    acceptable: &'a dyn Fn(&Resection) -> bool,
     tolerance_px: f64,
-    /// The smallest robust sum with its orientation.
-    best: Option<(f64, ExteriorOrientation)>,
 }
 
 impl Search<'_> {
     /// Eight quadruples side by side; what seems better than the best so far is computed once more on its own.
     fn try_eight(&mut self, eight: &[[usize; LEAST_POINTS]; WIDTH], filled: usize) {
-        let lanes: [PointLanes; LEAST_POINTS] =
-            std::array::from_fn(|place| PointLanes::new(std::array::from_fn(|lane| &self.points[eight[lane][place]])));
-        let mut orientations = self.start;
-        orientations.resect(&lanes, self.prior_lanes.as_ref());
-        let Some(sums) = self.robust_sums(&orientations) else { return };
+        let survey = &self.survey;
+        let bound = self.bound();
+        let step = self.start.step(eight);
+        let Some(sums) = self.start.robust_sums(&step, survey.tolerance_px, HOPELESS * bound) else { return };
+        let wanted = sums.0.map(|sum| sum < HOPELESS * bound);
+        let lanes: [PointLanes; LEAST_POINTS] = std::array::from_fn(|place| {
+            PointLanes::new(std::array::from_fn(|lane| &survey.points[eight[lane][place]]))
+        });
+        let mut orientations = self.start.eight;
+        orientations.take(&step);
+        let at_rest = orientations.resect(&lanes, survey.prior_lanes.as_ref(), &wanted);
+        let Some(sums) = survey.robust_sums(&orientations, UNFINISHED * bound) else { return };
         for lane in 0..filled {
-            if sums.0[lane] < self.promising() {
+            let margin = if at_rest[lane] { ROUNDING } else { UNFINISHED };
+            if sums.0[lane] < margin * self.bound() {
                 self.try_one(&eight[lane], &orientations.one(lane));
             }
         }
@@ -103,32 +119,25 @@ impl Search<'_> {
         self.best.as_ref().map_or(f64::INFINITY, |(sum, _)| *sum)
     }
 
-    /// The side-by-side solution has not been carried to its last digit.
-    fn promising(&self) -> f64 {
-        1.001 * self.bound()
-    }
-
     fn try_one(&mut self, chosen: &[usize], near: &ExteriorOrientation) {
-        let four = select(self.points, chosen);
-        let trial = resect(&four, self.prior, near, self.principal_distance_px);
+        let survey = &self.survey;
+        let four = select(survey.points, chosen);
+        let trial = resect(&four, survey.prior, near, survey.principal_distance_px);
         let Some(trial) = trial.filter(|trial| (self.acceptable)(trial)) else { return };
-        if let Some(sum) = self.robust_sum(&trial.orientation) {
+        let sum = survey.robust_sum(&trial.orientation);
+        if sum < self.bound() {
             self.best = Some((sum, trial.orientation));
+            self.start = Start::new(survey, &trial.orientation);
         }
     }
+}
 
-    /// The sums of `min(e², t²)`; `None` as soon as none of them is promising.
-    fn robust_sums(&self, at: &EightOrientations) -> Option<Lanes> {
-        let (bound, most) = (self.promising(), self.tolerance_px.powi(2));
+impl Survey<'_> {
+    /// The sums of `min(e², t²)`; `None` as soon as none of them is below `bound`.
+    fn robust_sums(&self, at: &EightOrientations, bound: f64) -> Option<Lanes> {
+        let most = self.tolerance_px.powi(2);
         let squared_px = at.squared_residuals_px();
-        let mut sums = Lanes::ZERO;
-        for point in self.points {
-            sums = sums.with(squared_px(point), |sum, squared| sum + if squared < most { squared } else { most });
-            if sums.0.iter().fold(true, |hopeless, sum| hopeless & (*sum >= bound)) {
-                return None;
-            }
-        }
-        Some(sums)
+        sum_up(self.points.iter().map(squared_px), most, bound)
     }
 
     fn squared_px(&self, point: &PointObservation, at: &ExteriorOrientation) -> f64 {
@@ -136,15 +145,108 @@ impl Search<'_> {
         projected.map_or(f64::INFINITY, |image| (image - point.image_px).norm_squared())
     }
 
-    /// The sum of `min(e², t²)`; `None` unless it is the smallest so far.
-    fn robust_sum(&self, at: &ExteriorOrientation) -> Option<f64> {
+    fn robust_sum(&self, at: &ExteriorOrientation) -> f64 {
         let most = self.tolerance_px.powi(2);
-        let sum: f64 = self.points.iter().map(|point| self.squared_px(point, at).min(most)).sum();
-        (sum < self.bound()).then_some(sum)
+        self.points.iter().map(|point| self.squared_px(point, at).min(most)).sum()
     }
 
-    fn below(&self, at: &ExteriorOrientation) -> Vec<usize> {
+    fn below_tolerance(&self, at: &ExteriorOrientation) -> Vec<usize> {
         let near = |index: &usize| self.squared_px(&self.points[*index], at) < self.tolerance_px.powi(2);
         (0..self.points.len()).filter(near).collect()
     }
+}
+
+#[inline(always)]
+fn sum_up(squared_px: impl Iterator<Item = Lanes>, most: f64, bound: f64) -> Option<Lanes> {
+    let mut sums = Lanes::ZERO;
+    for squared in squared_px {
+        sums = sums.with(squared, |sum, squared| sum + if squared < most { squared } else { most });
+        if sums.0.iter().fold(true, |hopeless, sum| hopeless & (*sum >= bound)) {
+            return None;
+        }
+    }
+    Some(sums)
+}
+
+/// Where all quadruples start from, and all points linearised there: the best orientation so far.
+struct Start {
+    eight: EightOrientations,
+    points: Vec<Linearised>,
+    prior: [f64; ELEMENTS],
+}
+
+/// Elements of the upper triangle of six normal equations with their right-hand side.
+const ELEMENTS: usize = 27;
+
+struct Linearised {
+    /// Six derivatives and the misclosure of both coordinates, in pixels.
+    rows_px: [[f64; 7]; 2],
+    /// Weighted normal equations.
+    normal: [f64; ELEMENTS],
+}
+
+impl Start {
+    fn new(survey: &Survey, at: &ExteriorOrientation) -> Self {
+        let c = survey.principal_distance_px;
+        let linearised = |point: &PointObservation| {
+            let normal = equations(std::slice::from_ref(point), None, at, c);
+            let rows_px = at.reduced_px_with_jacobian(c, point.object_m).map(|(image, jacobian)| {
+                let misclosure = point.image_px - image;
+                [0, 1].map(|r| std::array::from_fn(|k| if k < 6 { jacobian[(r, k)] } else { misclosure[r] }))
+            });
+            // what has no image makes what is not a number of all it takes part in
+            Linearised {
+                rows_px: rows_px.unwrap_or([[f64::NAN; 7]; 2]),
+                normal: normal.map_or([f64::NAN; ELEMENTS], |normal| elements(&normal)),
+            }
+        };
+        Self {
+            eight: EightOrientations::all(at, c),
+            points: survey.points.iter().map(linearised).collect(),
+            prior: equations(&[], survey.prior, at, c).map_or([f64::NAN; ELEMENTS], |prior| elements(&prior)),
+        }
+    }
+
+    /// The first step of each of the eight.
+    fn step(&self, eight: &[[usize; LEAST_POINTS]; WIDTH]) -> [Lanes; 6] {
+        let mut triangle: Triangle = [[Lanes::ZERO; 7]; 6];
+        for (lane, four) in eight.iter().enumerate() {
+            let [a, b, c, d] = four.map(|index| &self.points[index].normal);
+            let mut sum = self.prior;
+            for k in 0..ELEMENTS {
+                sum[k] += a[k] + b[k] + c[k] + d[k];
+            }
+            let mut elements = sum.iter();
+            for row in 0..6 {
+                for (to, from) in triangle[row][row..].iter_mut().zip(&mut elements) {
+                    to.0[lane] = *from;
+                }
+            }
+        }
+        solve(&mut triangle)
+    }
+
+    /// The sums of `min(e², t²)` after a step, as linearised; `None` as soon as none of them is below `bound`.
+    fn robust_sums(&self, step: &[Lanes; 6], tolerance_px: f64, bound: f64) -> Option<Lanes> {
+        let squared_px = |point: &Linearised| {
+            let [x, y] = point.rows_px.each_ref().map(|row| {
+                let mut residual = Lanes::all(row[6]);
+                for k in 0..6 {
+                    residual = residual - Lanes::all(row[k]) * step[k];
+                }
+                residual
+            });
+            x * x + y * y
+        };
+        sum_up(self.points.iter().map(squared_px), tolerance_px.powi(2), bound)
+    }
+}
+
+fn elements(normal: &NormalEquations) -> [f64; ELEMENTS] {
+    let mut elements = [0.0; ELEMENTS];
+    let triangle = (0..6).flat_map(|row| (row..7).map(move |column| (row, column)));
+    for (element, (row, column)) in elements.iter_mut().zip(triangle) {
+        *element = if column < 6 { normal.matrix[(row, column)] } else { normal.right_side[row] };
+    }
+    elements
 }
