@@ -131,20 +131,13 @@ impl EightOrientations {
 
     #[inline(always)]
     fn camera_coordinates(&self, matrix: &[[Lanes; 3]; 3], object_m: &[Lanes; 3]) -> [Lanes; 3] {
-        let from_centre = [
-            object_m[0] - self.centre_m[0],
-            object_m[1] - self.centre_m[1],
-            object_m[2] - self.centre_m[2],
-        ];
+        let from_centre =
+            [object_m[0] - self.centre_m[0], object_m[1] - self.centre_m[1], object_m[2] - self.centre_m[2]];
         [dot(&matrix[0], &from_centre), dot(&matrix[1], &from_centre), dot(&matrix[2], &from_centre)]
     }
 
     #[inline(always)]
-    fn equations<const N: usize>(
-        &self,
-        points: &[PointLanes; N],
-        prior: Option<&PriorLanes>,
-    ) -> Triangle {
+    fn equations<const N: usize>(&self, points: &[PointLanes; N], prior: Option<&PriorLanes>) -> Triangle {
         let matrix = self.matrix();
         let mut triangle = [[Lanes::ZERO; 7]; 6];
         let mut rows = [[[Lanes::ZERO; 7]; 2]; N];
@@ -205,11 +198,8 @@ impl EightOrientations {
         let [pw, px, py, pz] = prior.rotation.map(Lanes::all);
         // the prior's rotation times the inverse of the own one
         let turn_w = pw * w + px * x + py * y + pz * z;
-        let turn = [
-            px * w - pw * x - py * z + pz * y,
-            py * w - pw * y - pz * x + px * z,
-            pz * w - pw * z - px * y + py * x,
-        ];
+        let turn =
+            [px * w - pw * x - py * z + pz * y, py * w - pw * y - pz * x + px * z, pz * w - pw * z - px * y + py * x];
         let factor = rotation_vector_factor(turn_w, dot(&turn, &turn));
         let centre: [Lanes; 3] = std::array::from_fn(|k| Lanes::all(prior.centre_m[k]) - self.centre_m[k]);
         [centre[0], centre[1], centre[2], factor * turn[0], factor * turn[1], factor * turn[2]]

@@ -44,7 +44,10 @@ pub fn largest_consistent(
         if search.left == 0 {
             break;
         }
-        let Some(best) = &search.best else { complete = true; break };
+        let Some(best) = &search.best else {
+            complete = true;
+            break;
+        };
         at = best.resection.orientation;
         if before.as_ref() == Some(&best.inliers) {
             complete = true;
@@ -96,8 +99,7 @@ impl Problem<'_> {
         }
         let tolerance_px = LARGEST_T * *sigmas_px.select_nth_unstable_by(middle, f64::total_cmp).1;
         let c = self.principal_distance_px;
-        let found =
-            quadruples(searched, self.prior, start, c, &|_| true, tolerance_px, QUADRUPLES, &|| false)?;
+        let found = quadruples(searched, self.prior, start, c, &|_| true, tolerance_px, QUADRUPLES, &|| false)?;
         let orientation = found.resection.orientation;
         let consistent = found.resection.squares < self.limit(found.inliers.len());
         Some((orientation, consistent.then_some(Set { resection: found.resection, inliers: found.inliers })))
