@@ -27,9 +27,9 @@ const MOST_CONTROL_POINTS: usize = 60;
 /// Hypotheses that are adjusted with lines: those whose log odds are not hopelessly behind the best.
 const ADJUSTED: usize = 6;
 const HOPELESSLY_BEHIND: f64 = 40.0;
-/// Subsets that the search for the largest consistent set may examine: some 30 ms for an image that needs them all,
+/// Subsets that the search for the largest consistent set may examine: some 15 ms for an image that needs them all,
 /// where a few thousand do as a rule.
-const MOST_SUBSETS: usize = 1_000_000;
+const MOST_SUBSETS: usize = 200_000;
 /// Quadruples of version A, which stands in where no set is consistent: all up to 30 points, C(30, 4).
 const MOST_QUADRUPLES: usize = 27_405;
 /// The paper's threshold for an acceptable reprojection (1.5 px), in units of the a-priori standard deviation.

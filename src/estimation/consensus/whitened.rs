@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix6, Vector6};
 
-use super::lanes::{Lanes, WIDTH, dot};
+use super::lanes::{Lanes, WIDTH};
 use crate::estimation::resection::equations;
 use crate::estimation::{PointObservation, Prior};
 use crate::geometry::ExteriorOrientation;
@@ -92,8 +92,11 @@ impl Candidates {
     }
 
     fn row(&self, place: usize) -> [[f64; 7]; 2] {
-        let pack = &self.packs[place / WIDTH];
-        pack.each_ref().map(|row| row.each_ref().map(|lanes| lanes.0[place % WIDTH]))
+        let mut rows = [[0.0; 7]; 2];
+        for (to, from) in rows.as_flattened_mut().iter_mut().zip(self.packs[place / WIDTH].as_flattened()) {
+            *to = from.0[place % WIDTH];
+        }
+        rows
     }
 
     fn measure(&mut self) {
@@ -104,7 +107,7 @@ impl Candidates {
 
     /// What the core and the candidate at `place` together say of those after it.
     pub(super) fn joined_by(&self, place: usize, joined: &mut Self) {
-        let rotation = Joining::new(&self.row(place));
+        let joining = Joining::new(&self.row(place));
         let first = place + 1;
         let first_pack = first / WIDTH;
         joined.points.clear();
@@ -112,7 +115,10 @@ impl Candidates {
         joined.increments.clear();
         joined.increments.resize(joined.points.len(), 0.0);
         joined.packs.clear();
-        joined.packs.extend(self.packs[first_pack.min(self.packs.len())..].iter().map(|pack| rotation.applied(pack)));
+        joined.packs.extend_from_slice(&self.packs[first_pack.min(self.packs.len())..]);
+        for row in joined.packs.as_flattened_mut() {
+            joining.apply(row);
+        }
         joined.measure();
         // those of the first pack that stand before the place
         for increment in joined.increments.iter_mut().take(first % WIDTH) {
@@ -175,28 +181,39 @@ impl One {
         Self { g, beta: 1.0 / (variance + variance.sqrt()), gain: row[6] / variance }
     }
 
-    fn applied_to_one(&self, row: &[f64; 7]) -> [f64; 7] {
-        let product: f64 = self.g.iter().zip(row).map(|(g, h)| g * h).sum();
-        std::array::from_fn(|k| row[k] - product * if k < 6 { self.beta * self.g[k] } else { self.gain })
+    fn apply_to_one(&self, row: &mut [f64; 7]) {
+        let product: f64 = self.g.iter().zip(&*row).map(|(g, h)| g * h).sum();
+        for (h, g) in row.iter_mut().zip(&self.g) {
+            *h -= product * self.beta * g;
+        }
+        row[6] -= product * self.gain;
     }
 
     #[inline(always)]
-    fn applied(&self, row: &[Lanes; 7]) -> [Lanes; 7] {
-        let g = self.g.map(Lanes::all);
-        let product = dot(&g, &std::array::from_fn(|k| row[k]));
+    fn apply(&self, row: &mut [Lanes; 7]) {
+        let mut product = Lanes::ZERO;
+        for (h, g) in row.iter().zip(&self.g) {
+            product = product + *h * Lanes::all(*g);
+        }
         let shrink = product * Lanes::all(self.beta);
-        std::array::from_fn(|k| if k < 6 { row[k] - shrink * g[k] } else { row[6] - product * Lanes::all(self.gain) })
+        for (h, g) in row.iter_mut().zip(&self.g) {
+            *h = *h - shrink * Lanes::all(*g);
+        }
+        row[6] = row[6] - product * Lanes::all(self.gain);
     }
 }
 
 impl Joining {
-    fn new(rows: &[[f64; 7]; 2]) -> Self {
-        let first = One::new(&rows[0]);
-        Self([first, One::new(&first.applied_to_one(&rows[1]))])
+    fn new([first, second]: &[[f64; 7]; 2]) -> Self {
+        let first = One::new(first);
+        let mut second = *second;
+        first.apply_to_one(&mut second);
+        Self([first, One::new(&second)])
     }
 
     #[inline(always)]
-    fn applied(&self, pack: &[[Lanes; 7]; 2]) -> [[Lanes; 7]; 2] {
-        pack.each_ref().map(|row| self.0[1].applied(&self.0[0].applied(row)))
+    fn apply(&self, row: &mut [Lanes; 7]) {
+        self.0[0].apply(row);
+        self.0[1].apply(row);
     }
 }
