@@ -9,7 +9,7 @@ use super::{
 use crate::diagnosis::thresholds::{Evidence, Thresholds, judge, not_oriented};
 use crate::diagnosis::{Diagnosis, Features, d_max_m, ground_precision, lambda_max, reference_covariance};
 use crate::estimation::{
-    Consensus, Guarantee, PointObservation, Prior, Resection, largest_consistent, quadruples, resect,
+    Consensus, Guarantee, PointObservation, Prior, Resection, Survey, largest_consistent, quadruples, resect,
 };
 use crate::features::Picture;
 use crate::geometry::{Camera, ExteriorOrientation};
@@ -145,7 +145,9 @@ impl Run<'_> {
     /// points' standard deviations explain, version A with its wide tolerance; and where no quadruple is acceptable
     /// either, all stay: the search has chosen them to agree, and the lines will tell.
     fn consensus(&self, points: &[PointObservation], prior: &Prior, hypothesis: &Hypothesis) -> Option<Consensus> {
-        let (start, c) = (&hypothesis.prediction.orientation, self.task.camera.principal_distance_px);
+        let start = hypothesis.prediction.orientation;
+        let principal_distance_px = self.task.camera.principal_distance_px;
+        let survey = Survey { points, prior: Some(prior), start, principal_distance_px };
         let version_a = || {
             let reference = self.reference(&hypothesis.prediction, points, prior);
             let acceptable = |fit: &Resection| {
@@ -153,14 +155,14 @@ impl Run<'_> {
                 lambda.is_some_and(|l| l <= ACCEPTABLE_CONFIGURATION)
             };
             let cancelled = || self.observer.cancelled();
-            quadruples(points, Some(prior), start, c, &acceptable, TOLERANCE_PX, MOST_QUADRUPLES, &cancelled)
+            quadruples(&survey, &acceptable, TOLERANCE_PX, MOST_QUADRUPLES, &cancelled)
         };
         let all = || {
-            let resection = resect(points, Some(prior), start, c)?;
+            let resection = resect(points, Some(prior), &start, principal_distance_px)?;
             let inliers = (0..points.len()).collect();
             Some(Consensus { resection, inliers, guarantee: Guarantee::Sampled, subsets: 1 })
         };
-        largest_consistent(points, Some(prior), start, c, LARGEST_SIGMA0, MOST_SUBSETS).or_else(version_a).or_else(all)
+        largest_consistent(&survey, LARGEST_SIGMA0, MOST_SUBSETS).or_else(version_a).or_else(all)
     }
 
     fn after_points(

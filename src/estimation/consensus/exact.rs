@@ -1,77 +1,56 @@
 //! The largest consistent set, by branch and bound.
+//!
+//! A set is consistent if the residual sum of its least-squares fit stays below a limit that grows with its size. The
+//! residual sum never shrinks when a point joins: a core that exceeds the limit of the largest set it could grow to
+//! excludes all sets that contain it, and a point that does not go with the core goes with none that contains the core.
+//!
+//! The bounds are those of the problem linearised at one orientation; what they let pass is resected before it counts.
+//! When a better set has been found the problem is linearised anew at its orientation, until the same set is the
+//! answer. What is proven then is this: no set is larger, and none as large has a smaller residual sum, in the problem
+//! linearised at the orientation that is handed on. A set that agrees at quite another orientation, so that the images
+//! of its points move by d pixels, is judged with residuals wrong by about d²/c pixels; such a rival is looked for by the
+//! quadruples at the beginning, which are resected in full, but it is not excluded.
 
 use super::quadruples::quadruples;
 use super::whitened::Candidates;
-use super::{Consensus, Guarantee, LEAST_POINTS, select};
-use crate::estimation::{PointObservation, Prior, Resection, resect};
+use super::{Consensus, Guarantee, LEAST_POINTS, MOST_POINTS, Survey};
+use crate::estimation::Resection;
 use crate::geometry::ExteriorOrientation;
 
-/// Points that are searched completely, those that come first; of those after them, the ones that fit are added.
-const MOST_POINTS: usize = 40;
 /// Quadruples that are tried to find the neighbourhood: even if 70 % of the points are wrong, sixteen of these are
 /// right.
 const QUADRUPLES: usize = 2_000;
-/// A residual of a right point, in standard deviations of its two coordinates, hardly ever exceeds this.
+/// A residual of a right point hardly ever exceeds so many standard deviations.
 const LARGEST_T: f64 = 3.3;
-/// The linearised residual sum of a set may err by so much before a consistent set is lost.
+/// The linearised residual sum of a set near the orientation may err by a hundredth before the set is lost.
 const MARGIN: f64 = 1.01;
-/// Linearisations: the second one mostly confirms the first.
-const MOST_ROUNDS: usize = 5;
 
-/// The largest set of at least four points whose resection has a `sigma0` below `largest_sigma0`, and among sets as
-/// large the one with the smallest sum of squared residuals. This is the answer version B looks for.
+/// The largest set of at least four points whose resection has a `sigma0` below `largest_sigma0`, and among the largest
+/// the one with the smallest residual sum: what version B finds by trying all sets, the largest first. At most
+/// `most_subsets` are examined (not counting the quadruples at the beginning); if these do not suffice the result is
+/// `bounded`, the best so far with an upper bound of the size. Of more than forty points the first forty are searched,
+/// those of the others that fit are added, and the result is `sampled`.
+///
+/// `None` if no consistent set was found.
 #[must_use]
-pub fn largest_consistent(
-    points: &[PointObservation],
-    prior: Option<&Prior>,
-    start: &ExteriorOrientation,
-    principal_distance_px: f64,
-    largest_sigma0: f64,
-    most_subsets: usize,
-) -> Option<Consensus> {
-    let problem = Problem { points, prior, principal_distance_px, largest_sigma0 };
-    let searched = &points[..points.len().min(MOST_POINTS)];
-    let mut search = Search { problem: &problem, best: None, left: most_subsets, at_most: 0, levels: Vec::new() };
-    let mut at = *start;
-    if let Some((orientation, best)) = problem.neighbourhood(searched, start) {
-        at = orientation;
-        search.best = best;
+pub fn largest_consistent(survey: &Survey, largest_sigma0: f64, most_subsets: usize) -> Option<Consensus> {
+    let searched = Survey { points: &survey.points[..survey.points.len().min(MOST_POINTS)], ..*survey };
+    let mut search =
+        Search { survey: &searched, largest_sigma0, best: None, left: most_subsets, at_most: 0, levels: Vec::new() };
+    let mut at = search.begin();
+    while search.linearised(&at)? {
+        at = search.best.as_ref()?.resection.orientation;
     }
-    let mut complete = false;
-    for _ in 0..MOST_ROUNDS {
-        let before = search.best.as_ref().map(|best| best.inliers.clone());
-        search.round(searched, &at)?;
-        if search.left == 0 {
-            break;
-        }
-        let Some(best) = &search.best else {
-            complete = true;
-            break;
-        };
-        at = best.resection.orientation;
-        if before.as_ref() == Some(&best.inliers) {
-            complete = true;
-            break;
-        }
-    }
-    let subsets = most_subsets - search.left;
     let best = search.best?;
-    let guarantee = if searched.len() < points.len() {
-        Guarantee::Sampled
-    } else if complete {
-        Guarantee::Complete
-    } else {
-        Guarantee::Bounded { at_most: search.at_most.max(best.inliers.len()) }
-    };
+    let subsets = most_subsets - search.left;
+    if searched.points.len() < survey.points.len() {
+        let Set { resection, inliers } = with_others(survey, best, largest_sigma0);
+        return Some(Consensus { resection, inliers, guarantee: Guarantee::Sampled, subsets });
+    }
+    let count = best.inliers.len();
+    let guarantee =
+        if search.left > 0 { Guarantee::Complete } else { Guarantee::Bounded { at_most: search.at_most.max(count) } };
     Some(Consensus { resection: best.resection, inliers: best.inliers, guarantee, subsets })
-}
-
-/// What is asked.
-struct Problem<'a> {
-    points: &'a [PointObservation],
-    prior: Option<&'a Prior>,
-    principal_distance_px: f64,
-    largest_sigma0: f64,
 }
 
 /// A consistent set.
@@ -80,83 +59,80 @@ struct Set {
     inliers: Vec<usize>,
 }
 
-impl Problem<'_> {
-    /// The residual sum that a set of `count` points must stay below.
-    fn limit(&self, count: usize) -> f64 {
-        let redundancy = 2 * count - if self.prior.is_some() { 0 } else { 6 };
-        self.largest_sigma0.powi(2) * redundancy as f64
-    }
-
-    fn neighbourhood(
-        &self,
-        searched: &[PointObservation],
-        start: &ExteriorOrientation,
-    ) -> Option<(ExteriorOrientation, Option<Set>)> {
-        let mut sigmas_px: Vec<f64> = searched.iter().map(|point| point.sigma_px).collect();
-        let middle = sigmas_px.len() / 2;
-        if sigmas_px.is_empty() {
-            return None;
-        }
-        let tolerance_px = LARGEST_T * *sigmas_px.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let c = self.principal_distance_px;
-        let found = quadruples(searched, self.prior, start, c, &|_| true, tolerance_px, QUADRUPLES, &|| false)?;
-        let orientation = found.resection.orientation;
-        let consistent = found.resection.squares < self.limit(found.inliers.len());
-        Some((orientation, consistent.then_some(Set { resection: found.resection, inliers: found.inliers })))
-    }
-
-    /// The set, if it is consistent in fact.
-    fn consistent(&self, mut inliers: Vec<usize>, near: &ExteriorOrientation) -> Option<Set> {
-        inliers.sort_unstable();
-        let resection = resect(&select(self.points, &inliers), self.prior, near, self.principal_distance_px)?;
-        (resection.squares < self.limit(inliers.len())).then_some(Set { resection, inliers })
+/// The set with the points that were not searched but fit, if it is consistent with them.
+fn with_others(survey: &Survey, set: Set, largest_sigma0: f64) -> Set {
+    let fits = |index: &usize| {
+        let point = &survey.points[*index];
+        survey.squared_px(point, &set.resection.orientation) < (LARGEST_T * point.sigma_px).powi(2)
+    };
+    let others = (MOST_POINTS..survey.points.len()).filter(fits);
+    let inliers: Vec<usize> = set.inliers.iter().copied().chain(others).collect();
+    let resection = survey.resect(&inliers, &set.resection.orientation);
+    match resection.filter(|resection| resection.sigma0() < largest_sigma0) {
+        Some(resection) => Set { resection, inliers },
+        None => set,
     }
 }
 
 struct Search<'a> {
-    problem: &'a Problem<'a>,
+    survey: &'a Survey<'a>,
+    largest_sigma0: f64,
     best: Option<Set>,
     /// Subsets that may yet be examined.
     left: usize,
+    /// No set among those that were left out when the budget ended is larger.
     at_most: usize,
+    /// Room for the candidates of a core of every size.
     levels: Vec<Candidates>,
 }
 
 impl Search<'_> {
-    /// Searches the problem linearised at an orientation.
-    fn round(&mut self, searched: &[PointObservation], at: &ExteriorOrientation) -> Option<()> {
-        let p = self.problem;
-        let order = self.order(searched, at);
-        let mut root = Candidates::linearised(searched, &order, p.prior, at, p.principal_distance_px)?;
-        self.at_most = 0;
-        self.levels.resize_with(root.count() + 1, Candidates::default);
-        let mut core = Vec::new();
-        if let Some(most) = self.bound(0, 0.0, &root) {
-            root.retain(most);
-            self.branch(&mut core, 0.0, &root, at);
-        }
-        Some(())
+    /// Where to linearise first: the orientation with the most points near, which often is the answer already.
+    fn begin(&mut self) -> ExteriorOrientation {
+        let mut sigmas_px: Vec<f64> = self.survey.points.iter().map(|point| point.sigma_px).collect();
+        sigmas_px.sort_by(f64::total_cmp);
+        let tolerance_px = LARGEST_T * sigmas_px.get(sigmas_px.len() / 2).copied().unwrap_or_default();
+        let Some(found) = quadruples(self.survey, &|_| true, tolerance_px, QUADRUPLES, &|| false) else {
+            return self.survey.start;
+        };
+        let orientation = found.resection.orientation;
+        self.propose(&found.inliers, &orientation);
+        orientation
     }
 
-    fn order(&self, searched: &[PointObservation], at: &ExteriorOrientation) -> Vec<usize> {
-        let c = self.problem.principal_distance_px;
-        let residual = |index: usize| {
-            let point = &searched[index];
-            let image = at.reduced_px(c, point.object_m);
-            image.map_or(f64::INFINITY, |image| (image - point.image_px).norm() / point.sigma_px)
-        };
-        let mut order: Vec<usize> = (0..searched.len()).collect();
-        order.sort_by(|a, b| residual(*a).total_cmp(&residual(*b)));
+    /// Searches the problem linearised at an orientation; whether a better set was found that calls for another round.
+    /// `None` if nothing can be linearised there.
+    fn linearised(&mut self, at: &ExteriorOrientation) -> Option<bool> {
+        let mut root = Candidates::linearised(self.survey, &self.order(at), at)?;
+        self.at_most = 0;
+        self.levels.resize_with(root.count() + 1, Candidates::default);
+        let before = self.best.as_ref().map(|best| best.inliers.clone());
+        if let Some(most) = self.bound(0, 0.0, &root) {
+            root.retain(most);
+            self.branch(&mut Vec::new(), 0.0, &root, at);
+        }
+        let after = self.best.as_ref().map(|best| &best.inliers);
+        Some(self.left > 0 && after != before.as_ref())
+    }
+
+    /// Points that fit, first: the cores of the first branches are good, and what is branched on last is pruned first.
+    fn order(&self, at: &ExteriorOrientation) -> Vec<usize> {
+        let points = self.survey.points;
+        let squared_t = |index: &usize| self.survey.squared_px(&points[*index], at) / points[*index].sigma_px.powi(2);
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by(|a, b| squared_t(a).total_cmp(&squared_t(b)));
         order
     }
 
-    /// The residual sum below which a set of `count` points would be better than the best.
+    /// The residual sum below which a set of so many points would be better than the best.
     fn target(&self, count: usize) -> f64 {
         match &self.best {
-            Some(best) if count < best.inliers.len() => f64::NEG_INFINITY,
+            _ if count < self.least_count() => f64::NEG_INFINITY,
             Some(best) if count == best.inliers.len() => best.resection.squares,
-            _ if count < LEAST_POINTS => f64::NEG_INFINITY,
-            _ => self.problem.limit(count),
+            _ => {
+                let redundancy = 2 * count - if self.survey.prior.is_some() { 0 } else { 6 };
+                self.largest_sigma0.powi(2) * redundancy as f64
+            }
         }
     }
 
@@ -164,23 +140,27 @@ impl Search<'_> {
         self.best.as_ref().map_or(LEAST_POINTS, |best| best.inliers.len())
     }
 
-    /// What increments can still belong to a better set that holds a core; `None` if there is no such set.
+    /// By how much the residual sum of a core may grow in a set that would be better than the best; `None` if the
+    /// core is in no such set. The more points a set has the larger is its limit, but the fewer candidates go with a
+    /// limit the smaller is the set.
     fn bound(&self, count: usize, squares: f64, candidates: &Candidates) -> Option<f64> {
-        let mut upper = count + candidates.increments.iter().filter(|i| i.is_finite()).count();
-        while upper >= self.least_count() {
-            let most = MARGIN * self.target(upper) - squares;
+        let with = |most: f64| count + candidates.increments.iter().filter(|increment| **increment <= most).count();
+        let mut size = with(f64::MAX);
+        while size >= self.least_count() {
+            let most = MARGIN * self.target(size) - squares;
+            let possible = with(most);
             if most < 0.0 {
                 return None;
-            }
-            let possible = count + candidates.increments.iter().filter(|increment| **increment <= most).count();
-            if possible >= upper {
+            } else if possible >= size {
                 return Some(most);
             }
-            upper = possible;
+            size = possible;
         }
         None
     }
 
+    /// All sets of the core and some of the candidates: those with the first of them, those without it but with the
+    /// second, and so on.
     fn branch(&mut self, core: &mut Vec<usize>, squares: f64, candidates: &Candidates, at: &ExteriorOrientation) {
         for place in 0..candidates.count() {
             let most_count = core.len() + candidates.count() - place;
@@ -191,11 +171,11 @@ impl Search<'_> {
                 self.at_most = self.at_most.max(most_count);
                 return;
             }
+            self.left = self.left.saturating_sub(candidates.count() - place);
             let squares = squares + candidates.increments[place];
             core.push(candidates.points[place]);
             let mut level = std::mem::take(&mut self.levels[core.len()]);
             candidates.joined_by(place, &mut level);
-            self.left = self.left.saturating_sub(candidates.count() - place);
             if squares < MARGIN * self.target(core.len()) {
                 self.propose(core, at);
             }
@@ -208,13 +188,13 @@ impl Search<'_> {
         }
     }
 
-    fn propose(&mut self, core: &[usize], at: &ExteriorOrientation) {
-        let Some(set) = self.problem.consistent(core.to_vec(), at) else { return };
-        let better = self.best.as_ref().is_none_or(|best| {
-            (set.inliers.len(), -set.resection.squares) > (best.inliers.len(), -best.resection.squares)
-        });
-        if better {
-            self.best = Some(set);
+    /// Takes a set for the best if it is, by its resection.
+    fn propose(&mut self, chosen: &[usize], near: &ExteriorOrientation) {
+        let mut inliers = chosen.to_vec();
+        inliers.sort_unstable();
+        let Some(resection) = self.survey.resect(&inliers, near) else { return };
+        if resection.squares < self.target(inliers.len()) {
+            self.best = Some(Set { resection, inliers });
         }
     }
 }

@@ -7,11 +7,38 @@ mod lanes;
 mod quadruples;
 mod whitened;
 
-use super::PointObservation;
-use super::resection::Resection;
+use super::{PointObservation, Prior, Resection, resect};
+use crate::geometry::ExteriorOrientation;
 
 pub use exact::largest_consistent;
 pub use quadruples::quadruples;
+
+/// Points of which some may be wrong, and what is known of the orientation.
+#[derive(Debug, Clone, Copy)]
+pub struct Survey<'a> {
+    /// The points, surest first: where there are too many for all subsets, the first ones are looked at.
+    pub points: &'a [PointObservation],
+    /// Prior knowledge, an observation in every resection.
+    pub prior: Option<&'a Prior>,
+    /// Where resections start.
+    pub start: ExteriorOrientation,
+    /// The camera's principal distance.
+    pub principal_distance_px: f64,
+}
+
+impl Survey<'_> {
+    /// The resection with some of the points.
+    fn resect(&self, chosen: &[usize], near: &ExteriorOrientation) -> Option<Resection> {
+        let points: Vec<PointObservation> = chosen.iter().map(|&index| self.points[index]).collect();
+        resect(&points, self.prior, near, self.principal_distance_px)
+    }
+
+    /// The squared distance of a point from where an orientation projects it.
+    fn squared_px(&self, point: &PointObservation, at: &ExteriorOrientation) -> f64 {
+        let projected = at.reduced_px(self.principal_distance_px, point.object_m);
+        projected.map_or(f64::INFINITY, |image| (image - point.image_px).norm_squared())
+    }
+}
 
 /// The orientation that the points agree upon.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,9 +82,8 @@ impl Guarantee {
 /// Fewer points than this do not check each other.
 const LEAST_POINTS: usize = 4;
 
-fn select(points: &[PointObservation], chosen: &[usize]) -> Vec<PointObservation> {
-    chosen.iter().map(|&index| points[index]).collect()
-}
+/// Points that are searched, those that come first: C(40, 4) = 91 390 quadruples.
+const MOST_POINTS: usize = 40;
 
 #[cfg(test)]
 mod plain;

@@ -2,13 +2,10 @@
 
 use super::eight::{EightOrientations, PointLanes, PriorLanes, Triangle, solve};
 use super::lanes::{Lanes, WIDTH};
-use super::{Consensus, Guarantee, LEAST_POINTS, select};
+use super::{Consensus, Guarantee, LEAST_POINTS, MOST_POINTS, Survey};
 use crate::estimation::resection::equations;
-use crate::estimation::{NormalEquations, PointObservation, Prior, Resection, resect};
+use crate::estimation::{NormalEquations, PointObservation, Resection};
 use crate::geometry::ExteriorOrientation;
-
-/// Quadruples are drawn from so many points at most, those that come first: C(40, 4) = 91 390.
-pub const MOST_POINTS: usize = 40;
 
 /// Quadruples are given up if their robust sum after the first step exceeds the best by this factor: what one
 /// linearisation gets wrong does not decide there.
@@ -20,29 +17,29 @@ const UNFINISHED: f64 = 1.1;
 
 /// Version A: the orientation by four points whose robust sum `min(e², t²)` over all points is the smallest, among
 /// the quadruples that are `acceptable`; then that by all points with a residual below `tolerance_px`, t. (The pull of
-/// a prior goes unpunished: the sum is over the points.) The surest points should come first: where there are more
-/// than [`MOST_POINTS`], the quadruples are drawn from the first, and where there are more quadruples than `most`,
-/// every second or third is tried, as many as that, and the result is `sampled`.
+/// a prior goes unpunished: the sum is over the points.) Where there are more than forty points, the quadruples are
+/// drawn from the first forty, and where there are more quadruples than `most`, every second or third is tried, and so
+/// on: the result is `sampled` then.
 ///
 /// `None` if fewer than four points agree, none of the quadruples is acceptable, or the search is `cancelled`.
 #[must_use]
-#[expect(clippy::too_many_arguments, reason = "the survey, and the paper's three thresholds")]
 pub fn quadruples(
-    points: &[PointObservation],
-    prior: Option<&Prior>,
-    start: &ExteriorOrientation,
-    principal_distance_px: f64,
+    survey: &Survey,
     acceptable: &dyn Fn(&Resection) -> bool,
     tolerance_px: f64,
     most: usize,
     cancelled: &dyn Fn() -> bool,
 ) -> Option<Consensus> {
-    let from = points.len().min(MOST_POINTS);
+    let from = survey.points.len().min(MOST_POINTS);
     let stride = fours(from).count().div_ceil(most.max(1)).max(1);
-    let prior_lanes = prior.map(PriorLanes::new);
-    let survey = Survey { points, prior, prior_lanes, principal_distance_px, tolerance_px };
-    let start = Start::new(&survey, start);
-    let mut search = Search { survey, acceptable, start, best: None };
+    let mut search = Search {
+        survey,
+        prior: survey.prior.map(PriorLanes::new),
+        acceptable,
+        tolerance_px,
+        start: Start::new(survey, &survey.start),
+        best: None,
+    };
     let (mut eight, mut filled, mut subsets) = ([[0; LEAST_POINTS]; WIDTH], 0, 0);
     for chosen in fours(from).step_by(stride) {
         eight[filled] = chosen;
@@ -59,13 +56,15 @@ pub fn quadruples(
     if filled > 0 && !cancelled() {
         search.try_eight(&eight, filled);
     }
-    let guarantee = if stride == 1 && from == points.len() { Guarantee::Complete } else { Guarantee::Sampled };
-    let (_, orientation) = search.best.take()?;
-    let inliers = search.survey.below_tolerance(&orientation);
+    let (_, orientation) = search.best?;
+    let below_tolerance =
+        |index: &usize| survey.squared_px(&survey.points[*index], &orientation) < tolerance_px.powi(2);
+    let inliers: Vec<usize> = (0..survey.points.len()).filter(below_tolerance).collect();
     if inliers.len() < LEAST_POINTS {
         return None;
     }
-    let resection = resect(&select(points, &inliers), prior, &orientation, principal_distance_px)?;
+    let resection = survey.resect(&inliers, &orientation)?;
+    let guarantee = if stride == 1 && from == survey.points.len() { Guarantee::Complete } else { Guarantee::Sampled };
     Some(Consensus { resection, inliers, guarantee, subsets })
 }
 
@@ -76,37 +75,29 @@ fn fours(count: usize) -> impl Iterator<Item = [usize; LEAST_POINTS]> {
 }
 
 struct Search<'a> {
-    survey: Survey<'a>,
+    survey: &'a Survey<'a>,
+    prior: Option<PriorLanes>,
     acceptable: &'a dyn Fn(&Resection) -> bool,
+    tolerance_px: f64,
     start: Start,
     /// The smallest robust sum with its orientation.
     best: Option<(f64, ExteriorOrientation)>,
 }
 
-/// What was measured, and how far a residual counts.
-struct Survey<'a> {
-    points: &'a [PointObservation],
-    prior: Option<&'a Prior>,
-    prior_lanes: Option<PriorLanes>,
-    principal_distance_px: f64,
-    tolerance_px: f64,
-}
-
 impl Search<'_> {
     /// Eight quadruples side by side; what seems better than the best so far is computed once more on its own.
     fn try_eight(&mut self, eight: &[[usize; LEAST_POINTS]; WIDTH], filled: usize) {
-        let survey = &self.survey;
         let bound = self.bound();
         let step = self.start.step(eight);
-        let Some(sums) = self.start.robust_sums(&step, survey.tolerance_px, HOPELESS * bound) else { return };
+        let Some(sums) = self.start.robust_sums(&step, self.tolerance_px, HOPELESS * bound) else { return };
         let wanted = sums.0.map(|sum| sum < HOPELESS * bound);
-        let lanes: [PointLanes; LEAST_POINTS] = std::array::from_fn(|place| {
-            PointLanes::new(std::array::from_fn(|lane| &survey.points[eight[lane][place]]))
+        let points = std::array::from_fn(|place| {
+            PointLanes::new(std::array::from_fn(|lane| &self.survey.points[eight[lane][place]]))
         });
         let mut orientations = self.start.eight;
         orientations.take(&step);
-        let at_rest = orientations.resect(&lanes, survey.prior_lanes.as_ref(), &wanted);
-        let Some(sums) = survey.robust_sums(&orientations, UNFINISHED * bound) else { return };
+        let at_rest = orientations.resect::<LEAST_POINTS>(&points, self.prior.as_ref(), &wanted);
+        let Some(sums) = self.robust_sums(&orientations, UNFINISHED * bound) else { return };
         for lane in 0..filled {
             let margin = if at_rest[lane] { ROUNDING } else { UNFINISHED };
             if sums.0[lane] < margin * self.bound() {
@@ -115,47 +106,28 @@ impl Search<'_> {
         }
     }
 
+    fn try_one(&mut self, chosen: &[usize], near: &ExteriorOrientation) {
+        let Some(trial) = self.survey.resect(chosen, near).filter(|trial| (self.acceptable)(trial)) else { return };
+        let most = self.tolerance_px.powi(2);
+        let sum: f64 =
+            self.survey.points.iter().map(|point| self.survey.squared_px(point, &trial.orientation).min(most)).sum();
+        if sum < self.bound() {
+            self.best = Some((sum, trial.orientation));
+            self.start = Start::new(self.survey, &trial.orientation);
+        }
+    }
+
     fn bound(&self) -> f64 {
         self.best.as_ref().map_or(f64::INFINITY, |(sum, _)| *sum)
     }
 
-    fn try_one(&mut self, chosen: &[usize], near: &ExteriorOrientation) {
-        let survey = &self.survey;
-        let four = select(survey.points, chosen);
-        let trial = resect(&four, survey.prior, near, survey.principal_distance_px);
-        let Some(trial) = trial.filter(|trial| (self.acceptable)(trial)) else { return };
-        let sum = survey.robust_sum(&trial.orientation);
-        if sum < self.bound() {
-            self.best = Some((sum, trial.orientation));
-            self.start = Start::new(survey, &trial.orientation);
-        }
-    }
-}
-
-impl Survey<'_> {
     /// The sums of `min(e², t²)`; `None` as soon as none of them is below `bound`.
     fn robust_sums(&self, at: &EightOrientations, bound: f64) -> Option<Lanes> {
-        let most = self.tolerance_px.powi(2);
-        let squared_px = at.squared_residuals_px();
-        sum_up(self.points.iter().map(squared_px), most, bound)
-    }
-
-    fn squared_px(&self, point: &PointObservation, at: &ExteriorOrientation) -> f64 {
-        let projected = at.reduced_px(self.principal_distance_px, point.object_m);
-        projected.map_or(f64::INFINITY, |image| (image - point.image_px).norm_squared())
-    }
-
-    fn robust_sum(&self, at: &ExteriorOrientation) -> f64 {
-        let most = self.tolerance_px.powi(2);
-        self.points.iter().map(|point| self.squared_px(point, at).min(most)).sum()
-    }
-
-    fn below_tolerance(&self, at: &ExteriorOrientation) -> Vec<usize> {
-        let near = |index: &usize| self.squared_px(&self.points[*index], at) < self.tolerance_px.powi(2);
-        (0..self.points.len()).filter(near).collect()
+        sum_up(self.survey.points.iter().map(at.squared_residuals_px()), self.tolerance_px.powi(2), bound)
     }
 }
 
+/// The sums of what is at most `most` each; `None` as soon as none of them is below `bound`.
 #[inline(always)]
 fn sum_up(squared_px: impl Iterator<Item = Lanes>, most: f64, bound: f64) -> Option<Lanes> {
     let mut sums = Lanes::ZERO;

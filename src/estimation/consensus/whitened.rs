@@ -5,11 +5,11 @@
 //! `v' (I + h h')^-1 v` when the point joins the core. That is never negative, without any cancellation of digits:
 //! the residual sum is monotone in fact and not only in theory.
 
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::Matrix6;
 
+use super::Survey;
 use super::lanes::{Lanes, WIDTH};
 use crate::estimation::resection::equations;
-use crate::estimation::{PointObservation, Prior};
 use crate::geometry::ExteriorOrientation;
 
 /// What no observation says of the parameters, a ridge does: in units of the information of all points together,
@@ -29,39 +29,29 @@ pub(super) struct Candidates {
 }
 
 impl Candidates {
-    /// The points that have an image at `at`, with the prior as the core, and the residual sum of that core.
-    /// `None` if there is no such point, or the prior is not one.
-    pub(super) fn linearised(
-        points: &[PointObservation],
-        order: &[usize],
-        prior: Option<&Prior>,
-        at: &ExteriorOrientation,
-        principal_distance_px: f64,
-    ) -> Option<Self> {
+    /// The points that have an image at `at`, in the order given; the core is the prior alone. `None` if there is no
+    /// such point, or the prior is not one.
+    pub(super) fn linearised(survey: &Survey, order: &[usize], at: &ExteriorOrientation) -> Option<Self> {
+        let c = survey.principal_distance_px;
         let mut candidates = Self::default();
         let mut rows = Vec::new();
         for &index in order {
-            let point = &points[index];
-            let Some((image, jacobian)) = at.reduced_px_with_jacobian(principal_distance_px, point.object_m) else {
-                continue;
-            };
+            let point = &survey.points[index];
+            let Some((image, jacobian)) = at.reduced_px_with_jacobian(c, point.object_m) else { continue };
             let (misclosure, jacobian) = ((point.image_px - image) / point.sigma_px, jacobian / point.sigma_px);
             if misclosure.iter().chain(jacobian.iter()).all(|value| value.is_finite()) {
                 candidates.points.push(index);
                 rows.push((jacobian, misclosure));
             }
         }
-        let of_prior = equations(&[], prior, at, principal_distance_px)?;
+        let of_prior = equations(&[], survey.prior, at, c)?;
         let all = rows.iter().fold(of_prior.matrix, |sum, (jacobian, _)| sum + jacobian.transpose() * jacobian);
         let ridge = Matrix6::from_diagonal(&(all.diagonal() * RIDGE));
         let core = of_prior.matrix + ridge;
         let scale = core.diagonal().map(|d| 1.0 / d.sqrt());
         let scaling = Matrix6::from_diagonal(&scale);
         let factor = (scaling * core * scaling).cholesky()?.l();
-        let offset: Vector6<f64> = {
-            let half = factor.solve_lower_triangular(&of_prior.right_side.component_mul(&scale))?;
-            half
-        };
+        let offset = factor.solve_lower_triangular(&of_prior.right_side.component_mul(&scale))?;
         for (jacobian, misclosure) in rows {
             // rows times the inverse transpose of the factor
             let whitened = factor.solve_lower_triangular(&(scaling * jacobian.transpose()))?.transpose();
