@@ -281,3 +281,70 @@ pub(super) fn solve(triangle: &mut Triangle) -> [Lanes; 6] {
     }
     solution
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::resect;
+    use crate::estimation::simulated::{Draws, PRINCIPAL_DISTANCE_PX as C, flight, points};
+    use approx::assert_relative_eq;
+    use nalgebra::{Matrix6, Vector6};
+
+    const WANTED: [bool; WIDTH] = [true; WIDTH];
+
+    fn prior(turn_rad: f64) -> Prior {
+        let sigmas = Vector6::new(3.0, 4.0, 5.0, 0.01, 0.02, 0.03);
+        let information = Matrix6::from_diagonal(&sigmas.map(|s| 1.0 / (s * s)));
+        let step = Vector6::new(2.0, -3.0, 1.0, 0.6 * turn_rad, -0.5 * turn_rad, 0.62 * turn_rad);
+        Prior { orientation: flight().moved(&step), information }
+    }
+
+    fn five_points() -> [[PointObservation; WIDTH]; 5] {
+        let mut draws = Draws::new(31);
+        let all: [Vec<PointObservation>; WIDTH] = std::array::from_fn(|_| points(&mut draws, &flight(), 5, 0.7));
+        std::array::from_fn(|place| std::array::from_fn(|lane| all[lane][place]))
+    }
+
+    #[test]
+    fn each_of_the_eight_is_the_resection_of_its_points() {
+        let points = five_points();
+        let lanes = points.each_ref().map(|eight| PointLanes::new(eight.each_ref()));
+        let start = flight().moved(&Vector6::new(10.0, -8.0, 5.0, 0.02, -0.01, 0.02));
+        for prior in [None, Some(prior(0.01))] {
+            let mut eight = EightOrientations::all(&start, C);
+            let prior_lanes = prior.as_ref().map(PriorLanes::new);
+            let first = eight.resect(&lanes, prior_lanes.as_ref(), &WANTED);
+            let second = eight.resect(&lanes, prior_lanes.as_ref(), &WANTED);
+            assert!(first.iter().zip(second).all(|(first, second)| *first && second));
+            for lane in 0..WIDTH {
+                let own: Vec<_> = points.iter().map(|eight| eight[lane]).collect();
+                let expected = resect(&own, prior.as_ref(), &start, C).unwrap();
+                let off = expected.orientation.step_to(&eight.one(lane));
+                let squared = off.dot(&(expected.covariance.try_inverse().unwrap() * off));
+                assert!(squared < 1e-6, "{squared} standard deviations squared");
+            }
+        }
+    }
+
+    #[test]
+    fn the_step_to_a_prior_is_that_of_the_geometry() {
+        let eight = EightOrientations::all(&flight(), C);
+        for turn_rad in [0.0, 1e-9, 0.01, 0.3, 1.0, -1.2] {
+            let prior = prior(turn_rad);
+            let step = eight.step_to(&PriorLanes::new(&prior)).map(|lanes| lanes.0[3]);
+            let expected = flight().step_to(&prior.orientation);
+            assert_relative_eq!(Vector6::from(step), expected, epsilon = 1e-7);
+        }
+    }
+
+    #[test]
+    fn points_behind_the_camera_have_no_residual() {
+        let point = five_points()[0][0];
+        let eight = EightOrientations::all(&flight(), C);
+        let squared = eight.squared_residuals_px()(&point).0;
+        let expected = (flight().reduced_px(C, point.object_m).unwrap() - point.image_px).norm_squared();
+        assert_relative_eq!(squared[5], expected, epsilon = 1e-9);
+        let behind = PointObservation { object_m: point.object_m + Vector3::new(0.0, 0.0, 900.0), ..point };
+        assert_eq!(eight.squared_residuals_px()(&behind).0, [f64::INFINITY; WIDTH]);
+    }
+}

@@ -13,9 +13,9 @@ use crate::estimation::resection::equations;
 use crate::geometry::ExteriorOrientation;
 
 /// What no observation says of the parameters, a ridge does: in units of the information of all points together,
-/// so that it weighs nothing (a fit 1000 standard deviations away has its residual sum increased by 1e-3), but three
+/// so that it weighs nothing (a fit 10 000 standard deviations away has its residual sum increased by 1e-3), but three
 /// points on a line still have a fit.
-const RIDGE: f64 = 1e-9;
+const RIDGE: f64 = 1e-11;
 
 /// The points outside a core. Eight of them to a pack; what fills up the last pack is never read.
 #[derive(Clone, Default)]
@@ -205,5 +205,75 @@ impl Joining {
     fn apply(&self, row: &mut [Lanes; 7]) {
         self.0[0].apply(row);
         self.0[1].apply(row);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::Prior;
+    use crate::estimation::simulated::{Draws, PRINCIPAL_DISTANCE_PX as C, flight, points};
+    use approx::assert_relative_eq;
+    use nalgebra::Vector6;
+    use proptest::prelude::*;
+
+    /// The residual sum of the linearised fit, by the normal equations.
+    fn residual_sum(survey: &Survey, chosen: &[usize], at: &ExteriorOrientation) -> Option<f64> {
+        let points: Vec<_> = chosen.iter().map(|&index| survey.points[index]).collect();
+        let equations = equations(&points, survey.prior, at, C)?;
+        equations.inverse()?;
+        Some(equations.squares - equations.right_side.dot(&equations.solve()?))
+    }
+
+    proptest! {
+        /// Cores are joined in any order; candidates are dropped on the way.
+        #[test]
+        fn increments_are_those_of_the_normal_equations(seed in 0_u64..1000, count in 6_usize..25, with_prior: bool) {
+            let mut draws = Draws::new(seed);
+            let points = points(&mut draws, &flight(), count, 3.0);
+            let sigmas = Vector6::new(5.0, 5.0, 5.0, 0.01, 0.01, 0.01);
+            let information = Matrix6::from_diagonal(&sigmas.map(|s| 1.0 / (s * s)));
+            let prior = Prior { orientation: flight(), information };
+            let at = flight().moved(&Vector6::new(1.0, -2.0, 1.0, 0.002, -0.001, 0.003));
+            let prior = with_prior.then_some(&prior);
+            let survey = Survey { points: &points, prior, start: at, principal_distance_px: C };
+            let order: Vec<usize> = (0..count).rev().collect();
+            let mut level = Candidates::linearised(&survey, &order, &at).unwrap();
+            let (mut core, mut squares) = (Vec::new(), 0.0);
+            while level.count() > 0 {
+                for place in 0..level.count() {
+                    let joined = [&core[..], &[level.points[place]]].concat();
+                    if let Some(expected) = residual_sum(&survey, &joined, &at) {
+                        assert_relative_eq!(squares + level.increments[place], expected, max_relative = 1e-4, epsilon = 1e-3);
+                    }
+                }
+                let place = draws.below(level.count().min(3));
+                core.push(level.points[place]);
+                squares += level.increments[place];
+                let mut next = Candidates::default();
+                level.joined_by(place, &mut next);
+                next.retain(f64::MAX);
+                if let Some(largest) = next.increments.iter().copied().reduce(f64::max).filter(|_| seed % 2 == 0) {
+                    next.retain(largest * (1.0 - 1e-9));
+                }
+                prop_assert!(next.points.iter().all(|index| !core.contains(index)));
+                level = next;
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_more_never_makes_a_residual_sum_smaller() {
+        let points = points(&mut Draws::new(3), &flight(), 12, 100.0);
+        let survey = Survey { points: &points, prior: None, start: flight(), principal_distance_px: C };
+        let order: Vec<usize> = (0..12).collect();
+        let mut level = Candidates::linearised(&survey, &order, &flight()).unwrap();
+        while level.count() > 0 {
+            assert!(level.increments.iter().all(|increment| *increment >= 0.0));
+            let mut next = Candidates::default();
+            level.joined_by(0, &mut next);
+            next.retain(f64::MAX);
+            level = next;
+        }
     }
 }
