@@ -9,15 +9,16 @@ use super::gate::{Gate, Located, Round, Scale, Seed, largest_sigma};
 use super::locate::{Clustering, Peak, shift_map};
 use super::predict::{Prediction, edges_on_frame_px, on_frame};
 use super::search::{Candidate, Hypothesis, Search, WIDE, reach, square};
+use super::views::{Narrowed, REACH_SIGMAS, narrowed};
 use crate::estimation::{PointObservation, Prior, Resection, resect};
 use crate::features::PictureError;
 use crate::geometry::{ExteriorOrientation, Segment2};
 
 /// Candidates that are paired with one another.
 const PAIRED: usize = 260;
-/// Sum of squares of a pair with the prior beyond which they do not belong together (4 redundant observations,
-/// 99.99 %).
-const PAIR_GATE: f64 = 24.0;
+/// Sum of squares of a pair with the prior beyond which they do not belong together: of the four redundant observations
+/// two may show all of the tilt that is believed, the others are within 99.99 %.
+const PAIR_GATE: f64 = 18.4 + REACH_SIGMAS * REACH_SIGMAS;
 /// The best pairs, to which further control points are joined.
 const GROWN: usize = 300;
 const PEAKS_OF_A_WINDOW: usize = 10;
@@ -114,7 +115,8 @@ impl Search<'_> {
     }
 
     /// Grows an orientation from its seeds: the control point that is surest under the present prediction joins,
-    /// then all is predicted anew. The score is the logarithm of the odds of all of them by the chain rule.
+    /// then all is predicted anew. The score is the logarithm of the odds of all of them by the chain rule; its first
+    /// link is that heading and height are near those of the start, where predicting is linear.
     fn grown(
         &self,
         seeds: &[Seed],
@@ -122,7 +124,8 @@ impl Search<'_> {
         peaks: &[Vec<Peak>],
         scale: Scale,
     ) -> Option<Hypothesis> {
-        let prior = self.approximation.prior(start)?;
+        let Narrowed { approximation, log_odds } = narrowed(self.approximation, start, self.typical_height_m());
+        let prior = approximation.prior(start)?;
         let mut prediction =
             Prediction { orientation: prior.orientation, covariance: prior.information.try_inverse()? };
         let mut linearised_at = *start;
@@ -144,7 +147,7 @@ impl Search<'_> {
             linearised_at = fit.orientation;
             prediction = Prediction { orientation: fit.orientation, covariance: fit.covariance };
         }
-        let score = located.iter().map(|l| l.log_odds).sum();
+        let score = log_odds + located.iter().map(|l| l.log_odds).sum::<f64>();
         (located.len() >= 2).then_some(Hypothesis { prediction, located, score })
     }
 

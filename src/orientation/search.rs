@@ -136,7 +136,7 @@ impl Search<'_> {
     }
 
     /// The median height of the control.
-    fn typical_height_m(&self) -> f64 {
+    pub(super) fn typical_height_m(&self) -> f64 {
         let mut heights: Vec<f64> = self.control.iter().map(|point| point.reference_m.z).collect();
         heights.sort_by(f64::total_cmp);
         heights.get(heights.len() / 2).copied().unwrap_or(0.0)

@@ -14,8 +14,11 @@ use super::predict::{Approximation, Prediction};
 use crate::estimation::{PointObservation, Prior, resect};
 use crate::geometry::{Camera, ExteriorOrientation, rotation};
 
-/// The approximation is believed up to so many of its standard deviations.
-const REACH_SIGMAS: f64 = 3.0;
+/// Tilt and position are believed up to so many of their standard deviations in the image: a tilt of which nothing is
+/// known is taken as 0 with the standard deviation of a steady hand, and has a long tail.
+pub(super) const REACH_SIGMAS: f64 = 4.0;
+/// Heading and height up to so many; for each there are further views to pay for.
+const STEPPED_SIGMAS: f64 = 3.0;
 /// A turn up to this to either side leaves the shape of a building as it is, to a cell of shifts; so does the change of
 /// perspective over as wide a part of the field of view.
 pub(super) const HALF_VIEW_RAD: f64 = 5.2 * std::f64::consts::PI / 180.0;
@@ -65,7 +68,7 @@ pub(super) struct Window {
 pub(super) fn views(approximation: &Approximation, control_height_m: f64) -> (Vec<View>, Assumed) {
     let [omega, phi, kappa] = rotation::angles(&approximation.orientation.camera_from_object);
     let circle = std::f64::consts::PI;
-    let kappa_reach_rad = approximation.sigma_kappa_rad.map(|s| REACH_SIGMAS * s).filter(|reach| *reach < circle);
+    let kappa_reach_rad = approximation.sigma_kappa_rad.map(|s| STEPPED_SIGMAS * s).filter(|reach| *reach < circle);
     let turns = Steps::over([-1.0, 1.0].map(|side| side * kappa_reach_rad.unwrap_or(circle)), HALF_VIEW_RAD);
     let Heights { stated_m, searched_m, cut } = Heights::of(approximation, control_height_m);
     // scales are cut into equal ratios
@@ -179,12 +182,42 @@ impl Heights {
     fn of(approximation: &Approximation, control_height_m: f64) -> Self {
         // from below the control nothing of it is seen
         let stated_m = (approximation.orientation.projection_centre_m.z - control_height_m).max(1.0);
-        let reach_m = REACH_SIGMAS * approximation.sigma_position_m[2];
+        let reach_m = STEPPED_SIGMAS * approximation.sigma_position_m[2];
         let (least_m, largest_m) = (stated_m / WORST_SCALE, stated_m * WORST_SCALE);
         let cut = stated_m - reach_m < least_m || stated_m + reach_m > largest_m;
         let searched_m = [(stated_m - reach_m).max(least_m), (stated_m + reach_m).min(largest_m)];
         Self { stated_m, searched_m, cut }
     }
+}
+
+/// What is known of an orientation beforehand, if its heading and scale are near those of `start`.
+pub(super) struct Narrowed {
+    pub(super) approximation: Approximation,
+    /// Logarithm of the odds that they are.
+    pub(super) log_odds: f64,
+}
+
+/// Narrows what the approximation leaves open of heading and scale to a view about `start`.
+pub(super) fn narrowed(approximation: &Approximation, start: &ExteriorOrientation, control_height_m: f64) -> Narrowed {
+    let mut narrowed = approximation.clone();
+    let mut log_odds = 0.0;
+    let [omega, phi, _] = rotation::angles(&approximation.orientation.camera_from_object);
+    if approximation.sigma_kappa_rad.is_none() {
+        let [_, _, near] = rotation::angles(&start.camera_from_object);
+        narrowed.orientation.camera_from_object = rotation::camera_from_object(omega, phi, near);
+        narrowed.sigma_kappa_rad = Some(HALF_VIEW_RAD);
+        log_odds += (HALF_VIEW_RAD / std::f64::consts::PI).ln();
+    }
+    let height_m = start.projection_centre_m.z;
+    let sigma_m = approximation.sigma_position_m[2];
+    let near_m = HALF_VIEW_SCALE * (height_m - control_height_m).max(1.0);
+    if sigma_m > near_m {
+        let away = (height_m - approximation.orientation.projection_centre_m.z) / sigma_m;
+        narrowed.orientation.projection_centre_m.z = height_m;
+        narrowed.sigma_position_m[2] = near_m;
+        log_odds += (near_m / sigma_m).ln() - away * away / 2.0;
+    }
+    Narrowed { approximation: narrowed, log_odds }
 }
 
 /// An interval, cut into equal steps.
