@@ -6,6 +6,7 @@
 use std::collections::HashSet;
 
 use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
 
 use crate::features::{Detection, LineSegment, Picture, PictureError, PixelRect, line_segments};
 use crate::geometry::{Camera, Segment2};
@@ -64,21 +65,52 @@ impl<'a> Extraction<'a> {
     /// # Errors
     /// [`PictureError`] if the picture cannot be read there.
     pub fn cover(&mut self, least_px: Vector2<f64>, largest_px: Vector2<f64>) -> Result<(), PictureError> {
-        let tile_px = f64::from(TILE_CELLS * self.fine_reduction);
+        self.cover_all(&[[least_px, largest_px]])
+    }
+
+    /// The same for many rectangles, with all cores; the order of the segments does not depend on their number.
+    ///
+    /// # Errors
+    /// [`PictureError`] if the picture cannot be read there.
+    pub fn cover_all(&mut self, rectangles_px: &[[Vector2<f64>; 2]]) -> Result<(), PictureError> {
+        let mut missing = Vec::new();
+        for [least_px, largest_px] in rectangles_px {
+            for tile in self.tiles(*least_px, *largest_px) {
+                if self.tiles_done.insert(tile) {
+                    missing.push(tile);
+                }
+            }
+        }
+        let found: Vec<_> = missing.par_iter().map(|tile| self.segments_of(*tile)).collect();
+        for of_tile in found {
+            self.segments.extend(of_tile?);
+        }
+        Ok(())
+    }
+
+    /// Columns and rows of the tiles that touch a rectangle.
+    fn tiles(&self, least_px: Vector2<f64>, largest_px: Vector2<f64>) -> impl Iterator<Item = [u32; 2]> + use<> {
+        let tile_px = f64::from(self.tile_px());
         let [width, height] = self.picture.size_px();
         let tiles = |least: f64, largest: f64, size: u32| {
             let last = (f64::from(size) - 1.0).max(0.0);
             let index = |v: f64| (v.clamp(0.0, last) / tile_px) as u32;
             if largest < 0.0 || least > last { 0..0 } else { index(least)..index(largest) + 1 }
         };
-        for row in tiles(least_px.y, largest_px.y, height) {
-            for column in tiles(least_px.x, largest_px.x, width) {
-                if self.tiles_done.insert([column, row]) {
-                    self.extract_tile(column, row)?;
-                }
-            }
-        }
-        Ok(())
+        let columns = tiles(least_px.x, largest_px.x, width);
+        let rows = tiles(least_px.y, largest_px.y, height);
+        rows.flat_map(move |row| columns.clone().map(move |column| [column, row]))
+    }
+
+    /// How many tiles were extracted.
+    #[must_use]
+    pub fn tiles_read(&self) -> usize {
+        self.tiles_done.len()
+    }
+
+    /// Pixels along a side of a tile.
+    fn tile_px(&self) -> u32 {
+        TILE_CELLS * self.fine_reduction
     }
 
     /// All segments so far.
@@ -87,16 +119,17 @@ impl<'a> Extraction<'a> {
         &self.segments
     }
 
-    fn extract_tile(&mut self, column: u32, row: u32) -> Result<(), PictureError> {
-        let side = TILE_CELLS * self.fine_reduction;
+    fn segments_of(&self, [column, row]: [u32; 2]) -> Result<Vec<ObservedSegment>, PictureError> {
+        let side = self.tile_px();
         let rect = PixelRect { x: column * side, y: row * side, width: side, height: side };
+        let mut segments = Vec::new();
         for reduction in [self.fine_reduction, 2 * self.fine_reduction] {
             let window = self.picture.window(rect, reduction)?;
             let found = line_segments(&window, &self.detection);
             let coarse = reduction != self.fine_reduction;
-            self.segments.extend(found.iter().filter_map(|line| observed(self.camera, line, coarse)));
+            segments.extend(found.iter().filter_map(|line| observed(self.camera, line, coarse)));
         }
-        Ok(())
+        Ok(segments)
     }
 }
 

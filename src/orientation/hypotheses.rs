@@ -1,21 +1,24 @@
 //! Orientations from candidates: out of pairs, grown control point by control point, refined round by round.
 
 use nalgebra::Vector2;
+use rayon::prelude::*;
 
-use super::extract::Extraction;
+use super::ControlPoint;
+use super::extract::{Extraction, ObservedSegment};
 use super::gate::{Gate, Located, Round, Scale, Seed, largest_sigma};
 use super::locate::{Clustering, Peak, shift_map};
 use super::predict::{Prediction, edges_on_frame_px, on_frame};
-use super::search::{Candidate, Hypothesis, Search, WIDE, cover, reach};
+use super::search::{Candidate, Hypothesis, Search, WIDE, reach, square};
+use super::views::{Narrowed, REACH_SIGMAS, narrowed};
 use crate::estimation::{PointObservation, Prior, Resection, resect};
 use crate::features::PictureError;
 use crate::geometry::{ExteriorOrientation, Segment2};
 
 /// Candidates that are paired with one another.
 const PAIRED: usize = 260;
-/// Sum of squares of a pair with the prior beyond which they do not belong together (4 redundant observations,
-/// 99.99 %).
-const PAIR_GATE: f64 = 24.0;
+/// Sum of squares of a pair with the prior beyond which they do not belong together: of the four redundant observations
+/// two may show all of the tilt that is believed, the others are within 99.99 %.
+const PAIR_GATE: f64 = 18.4 + REACH_SIGMAS * REACH_SIGMAS;
 /// The best pairs, to which further control points are joined.
 const GROWN: usize = 300;
 const PEAKS_OF_A_WINDOW: usize = 10;
@@ -39,8 +42,8 @@ struct Pair {
 }
 
 impl Search<'_> {
-    /// Orientations from pairs of candidates, best first.
-    pub(super) fn paired(&self, candidates: &[Vec<Candidate>], go_on: &dyn Fn() -> bool) -> Vec<Hypothesis> {
+    /// Orientations from pairs of candidates, best first, and how many pairs agree with the approximation.
+    pub(super) fn paired(&self, candidates: &[Vec<Candidate>], go_on: &dyn Fn() -> bool) -> (Vec<Hypothesis>, usize) {
         let mut strongest: Vec<(Seed, &ExteriorOrientation)> = Vec::new();
         for (control_point, of_one) in candidates.iter().enumerate() {
             strongest.extend(of_one.iter().map(|c| (Seed { control_point, peak: c.peak }, &c.view)));
@@ -59,7 +62,7 @@ impl Search<'_> {
         let mut hypotheses: Vec<Hypothesis> =
             best.filter_map(|pair| self.grown(&pair.seeds, &pair.start, &peaks, WIDE)).collect();
         hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
-        hypotheses
+        (hypotheses, pairs.len())
     }
 
     fn pair(&self, seeds: [Seed; 2], view: &ExteriorOrientation, peaks: &[Vec<Peak>]) -> Option<Pair> {
@@ -112,7 +115,8 @@ impl Search<'_> {
     }
 
     /// Grows an orientation from its seeds: the control point that is surest under the present prediction joins,
-    /// then all is predicted anew. The score is the logarithm of the odds of all of them by the chain rule.
+    /// then all is predicted anew. The score is the logarithm of the odds of all of them by the chain rule; its first
+    /// link is that heading and height are near those of the start, where predicting is linear.
     fn grown(
         &self,
         seeds: &[Seed],
@@ -120,7 +124,8 @@ impl Search<'_> {
         peaks: &[Vec<Peak>],
         scale: Scale,
     ) -> Option<Hypothesis> {
-        let prior = self.approximation.prior(start)?;
+        let Narrowed { approximation, log_odds } = narrowed(self.approximation, start, self.typical_height_m());
+        let prior = approximation.prior(start)?;
         let mut prediction =
             Prediction { orientation: prior.orientation, covariance: prior.information.try_inverse()? };
         let mut linearised_at = *start;
@@ -142,7 +147,7 @@ impl Search<'_> {
             linearised_at = fit.orientation;
             prediction = Prediction { orientation: fit.orientation, covariance: fit.covariance };
         }
-        let score = located.iter().map(|l| l.log_odds).sum();
+        let score = log_odds + located.iter().map(|l| l.log_odds).sum::<f64>();
         (located.len() >= 2).then_some(Hypothesis { prediction, located, score })
     }
 
@@ -163,28 +168,38 @@ impl Search<'_> {
         best.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// A hypothesis after predicting, locating and orienting anew, round by round, with windows that close.
+    /// Hypotheses after predicting, locating and orienting anew, round by round, with windows that close; those that
+    /// nothing speaks for any more are given up. `None` if the search is to end.
     pub(super) fn refined(
         &self,
-        hypothesis: &Hypothesis,
+        hypotheses: Vec<Hypothesis>,
         extraction: &mut Extraction,
-    ) -> Result<Option<Hypothesis>, PictureError> {
-        let mut current = hypothesis.clone();
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Option<Vec<Hypothesis>>, PictureError> {
+        let mut current = hypotheses;
         for round in ROUNDS {
-            let peaks = self.locate_narrow(&current.prediction, extraction, round)?;
-            // the two that are surest under the old prediction start the new one
-            let mut seeds: Vec<(Seed, f64)> = Vec::new();
-            for _ in 0..2 {
-                let taken: Vec<Seed> = seeds.iter().map(|s| s.0).collect();
-                seeds.extend(self.surest(&taken, &current.prediction, &peaks, round.scale));
+            if !go_on() {
+                return Ok(None);
             }
-            let seeds: Vec<Seed> = seeds.into_iter().map(|s| s.0).collect();
-            match self.grown(&seeds, &current.prediction.orientation, &peaks, round.scale) {
-                Some(grown) => current = grown,
-                None => return Ok(None),
-            }
+            let windows: Vec<Vec<Narrow>> = current.par_iter().map(|h| self.narrow(&h.prediction, round)).collect();
+            self.cover(windows.iter().flatten(), extraction)?;
+            let segments = extraction.segments();
+            let refined = current.par_iter().zip(&windows).map(|(hypothesis, windows)| {
+                let peaks = self.located(windows, segments, round);
+                self.regrown(hypothesis, &peaks, round.scale)
+            });
+            current = refined.collect::<Vec<Option<Hypothesis>>>().into_iter().flatten().collect();
         }
         Ok(Some(current))
+    }
+
+    /// A hypothesis anew from other candidates; the two that are surest under the old one start the new one.
+    fn regrown(&self, hypothesis: &Hypothesis, peaks: &[Vec<Peak>], scale: Scale) -> Option<Hypothesis> {
+        let mut seeds: Vec<Seed> = Vec::new();
+        for _ in 0..2 {
+            seeds.extend(self.surest(&seeds, &hypothesis.prediction, peaks, scale).map(|(seed, _)| seed));
+        }
+        self.grown(&seeds, &hypothesis.prediction.orientation, peaks, scale)
     }
 
     /// The control points that are found where a prediction has them, with log odds of at least `least_log_odds`.
@@ -198,7 +213,9 @@ impl Search<'_> {
         round: Round,
         least_log_odds: f64,
     ) -> Result<Vec<Located>, PictureError> {
-        let peaks = self.locate_narrow(prediction, extraction, round)?;
+        let windows = self.narrow(prediction, round);
+        self.cover(windows.iter(), extraction)?;
+        let peaks = self.located(&windows, extraction.segments(), round);
         let located = peaks.iter().enumerate().filter_map(|(control_point, of_one)| {
             let (peak, log_odds) = self.gate(control_point, prediction, round.scale)?.best(of_one)?;
             let located = Located { control_point, at_px: peak.at_px, sigma_px: round.scale.sigma_px, log_odds };
@@ -207,33 +224,53 @@ impl Search<'_> {
         Ok(located.collect())
     }
 
-    /// The candidates of all control points on the frame, in windows given by the prediction's covariance.
-    fn locate_narrow(
-        &self,
-        prediction: &Prediction,
-        extraction: &mut Extraction,
-        round: Round,
-    ) -> Result<Vec<Vec<Peak>>, PictureError> {
-        let mut candidates = vec![Vec::new(); self.control.len()];
-        for (of_one, reference) in candidates.iter_mut().zip(self.control) {
-            let expected = prediction.image_of(self.camera, reference.reference_m, reference.sigma_m);
-            let Some((predicted, covariance)) = expected.filter(|(p, _)| on_frame(self.camera, *p, 0.0)) else {
-                continue;
-            };
-            let Scale { cell_px, sigma_px } = round.scale;
+    /// The windows of all control points on the frame, given by the prediction's covariance.
+    fn narrow(&self, prediction: &Prediction, round: Round) -> Vec<Narrow> {
+        let Scale { cell_px, sigma_px } = round.scale;
+        let window = |(control_point, reference): (usize, &ControlPoint)| {
+            let (predicted, covariance) = prediction.image_of(self.camera, reference.reference_m, reference.sigma_m)?;
+            if !on_frame(self.camera, predicted, 0.0) {
+                return None;
+            }
             let sigma = largest_sigma(&covariance).hypot(sigma_px);
             let half_width_px = (WINDOW_SIGMAS * sigma).clamp(LEAST_CELLS * cell_px, WIDEST_PX);
             let edges = edges_on_frame_px(self.camera, &prediction.orientation, reference);
-            let edges: Vec<Segment2> = edges.into_iter().flatten().collect();
+            Some(Narrow { control_point, predicted, half_width_px, edges: edges.into_iter().flatten().collect() })
+        };
+        self.control.iter().enumerate().filter_map(window).collect()
+    }
+
+    /// Extracts the segments that windows need.
+    fn cover<'w>(
+        &self,
+        windows: impl Iterator<Item = &'w Narrow>,
+        extraction: &mut Extraction,
+    ) -> Result<(), PictureError> {
+        let needed = |w: &Narrow| square(self.camera, w.predicted, w.half_width_px + reach(&w.edges, w.predicted));
+        extraction.cover_all(&windows.map(needed).collect::<Vec<_>>())
+    }
+
+    /// The candidates of every control point in its window.
+    fn located(&self, windows: &[Narrow], segments: &[ObservedSegment], round: Round) -> Vec<Vec<Peak>> {
+        let mut candidates = vec![Vec::new(); self.control.len()];
+        for window in windows {
             let clustering = Clustering {
-                half_width_px,
-                cell_px,
+                half_width_px: window.half_width_px,
+                cell_px: round.scale.cell_px,
                 direction_tolerance_rad: round.direction_tolerance_rad,
                 fine: true,
             };
-            cover(extraction, self.camera, predicted, half_width_px + reach(&edges, predicted))?;
-            *of_one = shift_map(&edges, predicted, extraction.segments(), &clustering).peaks(PEAKS_OF_A_WINDOW);
+            let map = shift_map(&window.edges, window.predicted, segments, &clustering);
+            candidates[window.control_point] = map.peaks(PEAKS_OF_A_WINDOW);
         }
-        Ok(candidates)
+        candidates
     }
+}
+
+/// A narrow window with the edges of its control point.
+struct Narrow {
+    control_point: usize,
+    predicted: Vector2<f64>,
+    half_width_px: f64,
+    edges: Vec<Segment2>,
 }

@@ -73,7 +73,7 @@ pub fn shift_map(
     let half = (clustering.half_width_px / clustering.cell_px).ceil().max(1.0) as usize;
     let size = 2 * half + 1;
     let mut map = ShiftMap { predicted_px, cell_px: clustering.cell_px, size, values: vec![0.0; size * size] };
-    let mut layers = Layers { coarse: vec![0.0; size * size], fine: vec![0.0; size * size] };
+    let mut votes = Votes::new(map.size, map.cell_px);
     let reach = edges_px.iter().map(|e| (e.start - predicted_px).norm().max((e.end - predicted_px).norm()));
     let reach = reach.fold(0.0, f64::max) + clustering.half_width_px;
     let near: Vec<&ObservedSegment> = observed
@@ -85,87 +85,111 @@ pub fn shift_map(
         })
         .collect();
     let least_cosine = clustering.direction_tolerance_rad.cos();
+    let mut untouched = 0.0;
     for edge in edges_px.iter().filter(|e| e.length() >= SHORTEST_EDGE_PX) {
         let along = edge.direction();
-        layers.coarse.fill(0.0);
-        layers.fine.fill(0.0);
         for segment in near.iter().filter(|s| s.direction.dot(&along).abs() >= least_cosine) {
-            let layer = if segment.coarse { &mut layers.coarse } else { &mut layers.fine };
-            vote(edge, segment, &map, layer);
+            votes.add(edge, segment);
         }
-        map.add(&layers, edge.length());
+        untouched += votes.move_to(&mut map.values, edge.length());
     }
+    map.values.iter_mut().for_each(|value| *value += untouched);
     map
 }
 
-struct Layers {
-    coarse: Vec<f32>,
-    fine: Vec<f32>,
+/// The lengths of one edge that segments cover under each shift. Few shifts are touched by any segment: they are
+/// remembered, so that the others cost nothing.
+struct Votes {
+    size: usize,
+    cell_px: f64,
+    /// For each cell what segments of the coarse and of the fine level cover.
+    covered_px: Vec<[f32; 2]>,
+    touched: Vec<u32>,
 }
 
-/// Adds to each cell the length of the edge that the segment covers under that shift.
-fn vote(edge: &Segment2, segment: &ObservedSegment, map: &ShiftMap, layer: &mut [f32]) {
-    let edge_length = edge.length();
-    let (shorter, longer) = if edge_length < segment.length_px {
-        (edge_length, segment.length_px)
-    } else {
-        (segment.length_px, edge_length)
-    };
-    let reach = (longer + shorter) / 2.0;
-    let middle = (map.size / 2) as f64;
-    let shift = (segment.segment_px.midpoint() - edge.midpoint()) / map.cell_px;
-    let along = segment.direction;
-    // one cell for every column (or row) that the band of shifts crosses, and its two neighbours across
-    let by_column = along.x.abs() >= along.y.abs();
-    let (major, minor, slope, cosine) = if by_column {
-        (shift.x, shift.y, along.y / along.x, along.x.abs())
-    } else {
-        (shift.y, shift.x, along.x / along.y, along.y.abs())
-    };
-    let span = reach / map.cell_px * cosine;
-    let last = map.size as f64 - 1.0;
-    let first_step = (major - span + middle).ceil().max(0.0);
-    let last_step = (major + span + middle).floor().min(last);
-    if first_step > last_step {
-        return;
+impl Votes {
+    fn new(size: usize, cell_px: f64) -> Self {
+        Self { size, cell_px, covered_px: vec![[0.0; 2]; size * size], touched: Vec::new() }
     }
-    for step in first_step as usize..=last_step as usize {
-        let from = step as f64 - middle - major;
-        let distance = from.abs() / cosine * map.cell_px;
-        let overlap = shorter.min(reach - distance) as f32;
-        let place = (minor + from * slope + middle).round();
-        if place < 1.0 || place > last - 1.0 {
-            continue;
+
+    /// Adds to each cell the length of the edge that the segment covers under that shift.
+    fn add(&mut self, edge: &Segment2, segment: &ObservedSegment) {
+        let edge_length = edge.length();
+        let (shorter, longer) = if edge_length < segment.length_px {
+            (edge_length, segment.length_px)
+        } else {
+            (segment.length_px, edge_length)
+        };
+        let reach = (longer + shorter) / 2.0;
+        let middle = (self.size / 2) as f64;
+        let shift = (segment.segment_px.midpoint() - edge.midpoint()) / self.cell_px;
+        let along = segment.direction;
+        // one cell for every column (or row) that the band of shifts crosses, and its two neighbours across
+        let by_column = along.x.abs() >= along.y.abs();
+        let (major, minor, slope, cosine) = if by_column {
+            (shift.x, shift.y, along.y / along.x, along.x.abs())
+        } else {
+            (shift.y, shift.x, along.x / along.y, along.y.abs())
+        };
+        let span = reach / self.cell_px * cosine;
+        let last = self.size as f64 - 1.0;
+        let first_step = (major - span + middle).ceil().max(0.0);
+        let last_step = (major + span + middle).floor().min(last);
+        if first_step > last_step {
+            return;
         }
-        let place = place as usize;
-        let (cell, stride) = if by_column { (place * map.size + step, map.size) } else { (step * map.size + place, 1) };
-        layer[cell] += overlap;
-        layer[cell - stride] += BESIDE * overlap;
-        layer[cell + stride] += BESIDE * overlap;
+        let (step_stride, stride) = if by_column { (1, self.size) } else { (self.size, 1) };
+        let level = usize::from(!segment.coarse);
+        for step in first_step as usize..=last_step as usize {
+            let from = step as f64 - middle - major;
+            let distance = from.abs() / cosine * self.cell_px;
+            let overlap = shorter.min(reach - distance) as f32;
+            // to the nearest: a cast cuts off
+            let place = minor + from * slope + middle + 0.5;
+            if place < 1.0 || place >= last {
+                continue;
+            }
+            let cell = step * step_stride + place as usize * stride;
+            self.cover(cell - stride, level, BESIDE * overlap);
+            self.cover(cell, level, overlap);
+            self.cover(cell + stride, level, BESIDE * overlap);
+        }
+    }
+
+    fn cover(&mut self, cell: usize, level: usize, length_px: f32) {
+        let covered_px = &mut self.covered_px[cell];
+        if *covered_px == [0.0; 2] {
+            self.touched.push(cell as u32);
+        }
+        covered_px[level] += length_px;
+    }
+
+    /// Adds what the covered share of the edge says of each shift to the touched cells of a map, and forgets it.
+    /// Returns what is due to *all* cells: the touched ones were given only what they have beyond that.
+    fn move_to(&mut self, values: &mut [f32], edge_length_px: f64) -> f32 {
+        let to_step = COVERAGE_STEPS as f32 / edge_length_px as f32;
+        let step = |[coarse, fine]: [f32; 2]| ((coarse.max(fine) * to_step) as usize).min(COVERAGE_STEPS - 1);
+        let mut counts = [1_usize; COVERAGE_STEPS];
+        counts[0] += values.len() - self.touched.len();
+        for cell in &self.touched {
+            counts[step(self.covered_px[*cell as usize])] += 1;
+        }
+        let total: usize = counts.iter().sum();
+        let seen = 1.0 / (COVERAGE_STEPS - LEAST_SEEN_STEPS) as f64;
+        let ratio = std::array::from_fn::<f32, COVERAGE_STEPS, _>(|k| {
+            let by_chance = counts[k] as f64 / total as f64;
+            let if_seen = if k < LEAST_SEEN_STEPS { 0.0 } else { seen };
+            ((1.0 - SHARE_SEEN + SHARE_SEEN * if_seen / by_chance).ln() as f32).min(MOST_LOG_LIKELIHOOD)
+        });
+        for cell in self.touched.drain(..) {
+            let covered_px = std::mem::take(&mut self.covered_px[cell as usize]);
+            values[cell as usize] += ratio[step(covered_px)] - ratio[0];
+        }
+        ratio[0]
     }
 }
 
 impl ShiftMap {
-    /// Adds what the covered share of one edge says of each shift.
-    fn add(&mut self, layers: &Layers, edge_length_px: f64) {
-        let to_step = COVERAGE_STEPS as f32 / edge_length_px as f32;
-        let step = |(coarse, fine): (&f32, &f32)| ((coarse.max(*fine) * to_step) as usize).min(COVERAGE_STEPS - 1);
-        let mut counts = [1.0_f64; COVERAGE_STEPS];
-        for pair in layers.coarse.iter().zip(&layers.fine) {
-            counts[step(pair)] += 1.0;
-        }
-        let total: f64 = counts.iter().sum();
-        let seen = 1.0 / (COVERAGE_STEPS - LEAST_SEEN_STEPS) as f64;
-        let ratio = std::array::from_fn::<f32, COVERAGE_STEPS, _>(|k| {
-            let by_chance = counts[k] / total;
-            let if_seen = if k < LEAST_SEEN_STEPS { 0.0 } else { seen };
-            ((1.0 - SHARE_SEEN + SHARE_SEEN * if_seen / by_chance).ln() as f32).min(MOST_LOG_LIKELIHOOD)
-        });
-        for (value, pair) in self.values.iter_mut().zip(layers.coarse.iter().zip(&layers.fine)) {
-            *value += ratio[step(pair)];
-        }
-    }
-
     /// The highest local maxima above zero, best first.
     #[must_use]
     pub fn peaks(&self, most: usize) -> Vec<Peak> {

@@ -64,7 +64,7 @@ pub fn well_spread(control: &[ControlPoint], most: usize) -> Vec<ControlPoint> {
 
 /// Length of the edges in decimetres, times the number of their directions in plan: a shift must be fixed in both
 /// coordinates, and many parallel lines fix one.
-fn distinctiveness(control_point: &ControlPoint) -> u64 {
+pub(super) fn distinctiveness(control_point: &ControlPoint) -> u64 {
     const LONGEST_M: f64 = 30.0;
     let mut directions: Vec<f64> = Vec::new();
     let mut length_m = 0.0;

@@ -18,7 +18,7 @@ use crate::orientation::adjust::Adjustment;
 use crate::orientation::collect::{adjust_with_lines, log_odds};
 use crate::orientation::extract::Extraction;
 use crate::orientation::predict::Prediction;
-use crate::orientation::search::{Hypothesis, Search};
+use crate::orientation::search::{Found, Hypothesis, Search};
 use crate::orientation::select::{maybe_in_view, well_spread};
 use crate::orientation::shifts::sigma_shift_px;
 
@@ -99,7 +99,7 @@ impl Run<'_> {
             self.observer.progress(Stage::Locate, 0.1 + 0.6 * done);
             !self.observer.cancelled()
         };
-        let hypotheses = search.run(&mut extraction, &go_on)?;
+        let Found { hypotheses, .. } = search.run(&mut extraction, &go_on)?;
         self.enter(Stage::Resect, 0.7)?;
         let mut solutions = Vec::new();
         let least_score = hypotheses.first().map_or(0.0, |best| best.score) - HOPELESSLY_BEHIND;
