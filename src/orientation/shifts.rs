@@ -16,6 +16,8 @@ use crate::estimation::NormalEquations;
 const SIGMA_OWN_PX: f64 = 0.7;
 /// Standard deviation of the part that it shares with its neighbours.
 const SIGMA_SHARED_PX: f64 = 0.8;
+/// That much of the stated variance of a control point's coordinates moves it as a whole.
+const SHARE_OF_THE_BUILDING: f64 = 0.5;
 /// The distance, in principal distances, over which the shared part falls to 1/e.
 const REACH: f64 = 0.22;
 /// Degrees of freedom of Student's distribution for a building's own part.
@@ -87,7 +89,8 @@ impl ShiftPrior {
         let shared = DMatrix::from_fn(count, count, |i, j| {
             SIGMA_SHARED_PX.powi(2) * (-(places[i] - places[j]).norm() / REACH).exp()
         });
-        let own = sigma_control_px.iter().map(|sigma| SIGMA_OWN_PX.powi(2) + sigma * sigma).collect();
+        let own = |sigma: &f64| SIGMA_OWN_PX.powi(2) + SHARE_OF_THE_BUILDING * sigma.powi(2);
+        let own = sigma_control_px.iter().map(own).collect();
         Self { shared, own }
     }
 
