@@ -7,6 +7,6 @@ pub mod robust;
 #[cfg(test)]
 pub(crate) mod simulated;
 
-pub use consensus::{Consensus, complete_search, quadruples};
+pub use consensus::{Consensus, Guarantee, Survey, largest_consistent, quadruples};
 pub use normal::{NormalEquations, Prior};
 pub use resection::{PointObservation, Resection, resect};

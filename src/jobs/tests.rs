@@ -89,6 +89,7 @@ fn outcome(task: &Task) -> Outcome {
         control_points: vec![],
         edges: vec![],
         ground_precision: vec![],
+        consensus: None,
         diagnosis: Diagnosis {
             verdict: Verdict::Green,
             score: 1.0,

@@ -11,6 +11,7 @@ use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 
 pub use self::run::orient;
 pub use crate::diagnosis::precision::GroundPrecision;
+pub use crate::estimation::Guarantee;
 pub use crate::orientation::predict::Approximation;
 
 /// The largest planimetric error on the ground that the user can accept.
@@ -90,6 +91,19 @@ pub struct Estimate {
     pub configuration: f64,
 }
 
+/// Which of the located control points agree upon one orientation, and how that was searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ConsensusResult {
+    /// How far the search has come.
+    pub guarantee: Guarantee,
+    /// Subsets of the points that it examined.
+    pub subsets: usize,
+    /// Control points that were located.
+    pub control_points: usize,
+    /// Those that agree.
+    pub inliers: usize,
+}
+
 /// What became of one control point that was expected in the image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlPointResult {
@@ -129,6 +143,8 @@ pub struct Outcome {
     pub edges: Vec<EdgeResult>,
     /// The nine points of the ground at 5, 50 and 95 % of width and height; those whose rays miss it are left out.
     pub ground_precision: Vec<GroundPrecision>,
+    /// How the control points agree under it; `None` without one.
+    pub consensus: Option<ConsensusResult>,
     /// The verdict.
     pub diagnosis: Diagnosis,
 }

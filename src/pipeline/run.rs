@@ -3,10 +3,14 @@
 use nalgebra::Matrix6;
 
 use super::outcome::{control_point_results, edge_results, in_view};
-use super::{Approximation, Estimate, Fault, GroundPrecision, Observer, Outcome, Stage, Task, Tolerance};
+use super::{
+    Approximation, ConsensusResult, Estimate, Fault, GroundPrecision, Observer, Outcome, Stage, Task, Tolerance,
+};
 use crate::diagnosis::thresholds::{Evidence, Thresholds, judge, not_oriented};
 use crate::diagnosis::{Diagnosis, Features, d_max_m, ground_precision, lambda_max, reference_covariance};
-use crate::estimation::{Consensus, PointObservation, Prior, Resection, complete_search, quadruples, resect};
+use crate::estimation::{
+    Consensus, Guarantee, PointObservation, Prior, Resection, Survey, largest_consistent, quadruples, resect,
+};
 use crate::features::Picture;
 use crate::geometry::{Camera, ExteriorOrientation};
 use crate::orientation::ControlPoint;
@@ -23,11 +27,11 @@ const MOST_CONTROL_POINTS: usize = 60;
 /// Hypotheses that are adjusted with lines: those whose log odds are not hopelessly behind the best.
 const ADJUSTED: usize = 6;
 const HOPELESSLY_BEHIND: f64 = 40.0;
-/// Version B's complete search up to so many points (848 subsets at 10, 3797 at 12), version A beyond.
-const COMPLETE_SEARCH_POINTS: usize = 12;
-const MOST_SUBSETS: usize = 4_000;
-/// Points of version A: C(30, 4) = 27 405 quadruples.
-const QUADRUPLE_POINTS: usize = 30;
+/// Subsets that the search for the largest consistent set may examine: some 15 ms for an image that needs them all,
+/// where a few thousand do as a rule.
+const MOST_SUBSETS: usize = 200_000;
+/// Quadruples of version A, which stands in where no set is consistent: all up to 30 points, C(30, 4).
+const MOST_QUADRUPLES: usize = 27_405;
 /// The paper's threshold for an acceptable reprojection (1.5 px), in units of the a-priori standard deviation.
 const LARGEST_SIGMA0: f64 = 1.5;
 /// The paper's T_C for the quadruples of version A.
@@ -75,6 +79,7 @@ struct Solution {
     adjustment: Adjustment,
     log_odds: f64,
     features: Features,
+    consensus: ConsensusResult,
 }
 
 impl Run<'_> {
@@ -125,45 +130,39 @@ impl Run<'_> {
         let points = points(search, hypothesis);
         let Some(consensus) = self.consensus(&points, &prior, hypothesis) else { return Ok(None) };
         let (start, features) = self.after_points(&points, &consensus, &prior);
+        let consensus = ConsensusResult {
+            guarantee: consensus.guarantee,
+            subsets: consensus.subsets,
+            control_points: points.len(),
+            inliers: consensus.inliers.len(),
+        };
         let Some(adjustment) = adjust_with_lines(search, &start, extraction)? else { return Ok(None) };
         let log_odds = log_odds(search, &adjustment.prediction(), extraction)?;
-        Ok(Some(Solution { adjustment, log_odds, features }))
+        Ok(Some(Solution { adjustment, log_odds, features, consensus }))
     }
 
-    /// Which of the located points agree: version B for few points, version A for many. Where no quadruple is
-    /// acceptable, or no subset fits, all stay: the search has chosen them to agree, and the lines will tell.
+    /// Which of the located points agree: the largest set that is consistent. Where none is, by far more than the
+    /// points' standard deviations explain, version A with its wide tolerance; and where no quadruple is acceptable
+    /// either, all stay: the search has chosen them to agree, and the lines will tell.
     fn consensus(&self, points: &[PointObservation], prior: &Prior, hypothesis: &Hypothesis) -> Option<Consensus> {
-        let (start, c) = (&hypothesis.prediction.orientation, self.task.camera.principal_distance_px);
-        let found = if points.len() <= COMPLETE_SEARCH_POINTS {
-            // the best of subsets none of which fits is four points that agree by chance
-            complete_search(points, Some(prior), start, c, LARGEST_SIGMA0, MOST_SUBSETS)
-                .filter(|found| found.resection.sigma0() < LARGEST_SIGMA0)
-        } else {
-            let surest = &points[..points.len().min(QUADRUPLE_POINTS)];
+        let start = hypothesis.prediction.orientation;
+        let principal_distance_px = self.task.camera.principal_distance_px;
+        let survey = Survey { points, prior: Some(prior), start, principal_distance_px };
+        let version_a = || {
             let reference = self.reference(&hypothesis.prediction, points, prior);
             let acceptable = |fit: &Resection| {
                 let lambda = reference.as_ref().and_then(|r| lambda_max(&fit.covariance, r));
                 lambda.is_some_and(|l| l <= ACCEPTABLE_CONFIGURATION)
             };
             let cancelled = || self.observer.cancelled();
-            quadruples(surest, Some(prior), start, c, &acceptable, TOLERANCE_PX, &cancelled)
-                .map(|found| self.with_all_that_fit(points, found))
+            quadruples(&survey, &acceptable, TOLERANCE_PX, MOST_QUADRUPLES, &cancelled)
         };
-        found.or_else(|| {
-            let resection = resect(points, Some(prior), start, c)?;
-            Some(Consensus { resection, inliers: (0..points.len()).collect(), trials: 1, complete: false })
-        })
-    }
-
-    /// Version A draws from the surest points only; whether the others fit is seen afterwards.
-    fn with_all_that_fit(&self, points: &[PointObservation], found: Consensus) -> Consensus {
-        let c = self.task.camera.principal_distance_px;
-        let fits = |point: &PointObservation| {
-            let image = found.resection.orientation.reduced_px(c, point.object_m);
-            image.is_some_and(|image| (image - point.image_px).norm() < TOLERANCE_PX)
+        let all = || {
+            let resection = resect(points, Some(prior), &start, principal_distance_px)?;
+            let inliers = (0..points.len()).collect();
+            Some(Consensus { resection, inliers, guarantee: Guarantee::Sampled, subsets: 1 })
         };
-        let inliers = points.iter().enumerate().filter(|(_, point)| fits(point)).map(|(index, _)| index).collect();
-        Consensus { inliers, ..found }
+        largest_consistent(&survey, LARGEST_SIGMA0, MOST_SUBSETS).or_else(version_a).or_else(all)
     }
 
     fn after_points(
@@ -245,6 +244,7 @@ impl Run<'_> {
             control_points: control_point_results(search, Some(adjustment), extraction.segments()),
             edges: edge_results(search, adjustment, extraction.segments()),
             ground_precision: ground,
+            consensus: Some(best.consensus),
             diagnosis,
         }
     }

@@ -11,9 +11,10 @@ pub use result::{ApproximationOrigin, ApproximationUsed, OrientationResult, Orig
 
 use crate::diagnosis::{Diagnosis, Features, Verdict};
 use crate::geometry::{Crs, CrsError, LocalFrame, rotation};
-use crate::pipeline::{ControlPointResult, Estimate, GroundPrecision, Outcome};
+use crate::pipeline::{ConsensusResult, ControlPointResult, Estimate, GroundPrecision, Outcome};
 use result::{
-    ControlPointReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint, ReasonReport, RotationResult,
+    ConsensusReport, ControlPointReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint, ReasonReport,
+    RotationResult,
 };
 
 /// Where the answer is to be given.
@@ -61,6 +62,7 @@ pub fn result(
         configuration: None,
         control_points: outcome.control_points.iter().map(control_point).collect(),
         ground_precision: outcome.ground_precision.iter().filter_map(|p| ground_point(p, frame, output)).collect(),
+        consensus: outcome.consensus.as_ref().map(consensus),
         diagnosis: diagnosis(&outcome.diagnosis),
         warnings,
         approximation,
@@ -165,6 +167,15 @@ fn diagnosis(diagnosis: &Diagnosis) -> DiagnosisReport {
             .iter()
             .map(|reason| ReasonReport { code: reason.code, detail: reason.detail.clone() })
             .collect(),
+    }
+}
+
+fn consensus(consensus: &ConsensusResult) -> ConsensusReport {
+    ConsensusReport {
+        search: consensus.guarantee.name(),
+        subsets_examined: consensus.subsets,
+        control_points: consensus.control_points,
+        inliers: consensus.inliers,
     }
 }
 

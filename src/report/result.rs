@@ -31,6 +31,9 @@ pub struct OrientationResult {
     /// Predicted precision on the ground at the image points at 5, 50 and 95 % of width and height, on the horizontal
     /// plane at the mean height of the control used.
     pub ground_precision: Vec<GroundPoint>,
+    /// Which of the located control points agree, and how that was searched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub consensus: Option<ConsensusReport>,
     /// The verdict.
     pub diagnosis: DiagnosisReport,
     /// What the user should know besides.
@@ -101,6 +104,21 @@ pub struct GroundPoint {
     pub ground: [f64; 3],
     /// sqrt(variance east + variance north).
     pub sigma_planimetric_m: f64,
+}
+
+/// The search for the largest set of located control points that agree upon one orientation.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct ConsensusReport {
+    /// `complete`: no larger set agrees. `bounded`: the search was ended by its budget. `sampled`: some sets were
+    /// looked at, and nothing is known of the others.
+    #[schema(example = "complete")]
+    pub search: &'static str,
+    /// Subsets of the control points that were examined.
+    pub subsets_examined: usize,
+    /// Control points that were located.
+    pub control_points: usize,
+    /// Those that agree.
+    pub inliers: usize,
 }
 
 /// The verdict with all that led to it.

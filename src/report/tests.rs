@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::*;
 use crate::diagnosis::Reason;
 use crate::geometry::{ExteriorOrientation, Segment2};
-use crate::pipeline::EdgeResult;
+use crate::pipeline::{EdgeResult, Guarantee};
 
 fn frame() -> LocalFrame {
     LocalFrame::at(16.6, 52.77, 0.0)
@@ -51,6 +51,12 @@ fn outcome() -> Outcome {
             ground_m: Vector3::new(10.0, 20.0, 112.0),
             sigma_planimetric_m: 0.05,
         }],
+        consensus: Some(ConsensusResult {
+            guarantee: Guarantee::Bounded { at_most: 12 },
+            subsets: 5400,
+            control_points: 12,
+            inliers: 11,
+        }),
         diagnosis: Diagnosis {
             verdict: Verdict::Green,
             score: 3.1,
@@ -195,6 +201,7 @@ fn the_json_has_the_names_of_the_contract() {
             "configuration",
             "control_points",
             "ground_precision",
+            "consensus",
             "diagnosis",
             "warnings",
             "approximation",
@@ -205,11 +212,14 @@ fn the_json_has_the_names_of_the_contract() {
     expect("/covariance", vec!["order", "matrix"]);
     expect("/control_points/0", vec!["name", "predicted_px", "located_px", "used", "segments_matched", "residual_px"]);
     expect("/ground_precision/0", vec!["image_px", "ground", "sigma_planimetric_m"]);
+    expect("/consensus", vec!["search", "subsets_examined", "control_points", "inliers"]);
     expect("/diagnosis", vec!["verdict", "score", "threshold", "probability_correct", "features", "reasons"]);
     expect("/diagnosis/features", vec!["control_points", "eliminated", "log_sigma0", "log_configuration"]);
     expect("/diagnosis/reasons/0", vec!["code", "detail"]);
     assert_eq!(value["covariance"]["order"], json!(["x_m", "y_m", "z_m", "omega_rad", "phi_rad", "kappa_rad"]));
     assert_eq!(value["diagnosis"]["verdict"], "green");
+    let consensus = json!({"search": "bounded", "subsets_examined": 5400, "control_points": 12, "inliers": 11});
+    assert_eq!(value["consensus"], consensus);
     assert_eq!(value["approximation"]["origin"], json!({"position": "request", "tilt": "default", "kappa": "unknown"}));
 }
 
@@ -217,10 +227,12 @@ fn the_json_has_the_names_of_the_contract() {
 fn what_does_not_exist_is_left_out() {
     let mut red = outcome();
     red.estimate = None;
+    red.consensus = None;
     red.ground_precision.clear();
     red.diagnosis = Diagnosis { verdict: Verdict::Red, score: f64::NEG_INFINITY, features: None, ..red.diagnosis };
     let value = serde_json::to_value(reported(&red, "EPSG:25833")).unwrap();
-    for absent in ["projection_centre", "rotation", "covariance", "sigma0", "redundancy", "configuration"] {
+    for absent in ["projection_centre", "rotation", "covariance", "sigma0", "redundancy", "configuration", "consensus"]
+    {
         assert!(value.get(absent).is_none(), "{absent}");
     }
     assert!(value["diagnosis"].get("score").is_none());
