@@ -99,54 +99,85 @@ fn strongest_first(edgels: &[Edgel]) -> Vec<u32> {
 /// Which edge pixels are still free, and how they are collected.
 struct Regions<'a> {
     edgels: &'a [Edgel],
-    /// For each cell the free edgel in it, else `NONE`.
-    at_cell: Vec<u32>,
-    width: usize,
-    height: usize,
+    /// 64 cells a word, row by row, each row with an empty word at its end.
+    words: Vec<Word>,
+    words_per_row: usize,
     least_cosine: f32,
 }
 
-const NONE: u32 = u32::MAX;
+/// Which of 64 neighbouring cells have an edgel. A bit a cell, so that the neighbourhood of a cell is a few words.
+#[derive(Clone, Copy, Default)]
+struct Word {
+    /// Those that no collection has taken.
+    free: u64,
+    present: u64,
+    /// Index of the first of them.
+    first: u32,
+}
+
+/// Cells to either side in which a connected edgel is looked for.
+const REACH: u32 = 2;
 
 impl<'a> Regions<'a> {
+    /// `edgels` row by row, at least [`REACH`] cells away from the rim.
     fn new(edgels: &'a [Edgel], width: usize, height: usize, least_cosine: f32) -> Self {
-        let mut at_cell = vec![NONE; width * height];
-        for (index, edgel) in edgels.iter().enumerate() {
-            at_cell[edgel.cell as usize] = index as u32;
+        let words_per_row = width.div_ceil(64) + 1;
+        let mut words = vec![Word::default(); words_per_row * height];
+        for (index, e) in edgels.iter().enumerate() {
+            let word = &mut words[e.row as usize * words_per_row + e.column as usize / 64];
+            if word.present == 0 {
+                word.first = index as u32;
+            }
+            word.present |= 1 << (e.column % 64);
+            word.free = word.present;
         }
-        Self { edgels, at_cell, width, height, least_cosine }
+        Self { edgels, words, words_per_row, least_cosine }
+    }
+
+    fn word_at(&self, row: u32, column: u32) -> usize {
+        row as usize * self.words_per_row + column as usize / 64
+    }
+
+    /// Marks an edgel as taken; false if it was before.
+    fn take(&mut self, index: u32) -> bool {
+        let e = &self.edgels[index as usize];
+        let (word, bit) = (self.word_at(e.row, e.column), 1 << (e.column % 64));
+        let free = self.words[word].free & bit != 0;
+        self.words[word].free &= !bit;
+        free
     }
 
     /// Collects into `members` what is connected to `seed` over at most one missing cell and points the same way as
     /// all collected before; false if the seed is taken already.
     fn grow(&mut self, seed: u32, members: &mut Vec<u32>) -> bool {
-        let first = &self.edgels[seed as usize];
-        if self.at_cell[first.cell as usize] != seed {
+        if !self.take(seed) {
             return false;
         }
-        self.at_cell[first.cell as usize] = NONE;
         members.clear();
         members.push(seed);
-        let mut sum = first.normal;
+        let mut sum = self.edgels[seed as usize].normal;
         let mut next = 0;
         while let Some(&index) = members.get(next) {
             next += 1;
-            let cell = self.edgels[index as usize].cell as usize;
-            let (row, column) = (cell / self.width, cell % self.width);
-            let norm = sum[0].hypot(sum[1]).max(f32::MIN_POSITIVE);
-            let mean = [sum[0] / norm, sum[1] / norm];
-            // edgels keep two cells away from the rim
-            for near_row in row.saturating_sub(2)..(row + 3).min(self.height) {
-                let start = near_row * self.width;
-                for candidate in &mut self.at_cell[start + column - 2..start + column + 3] {
-                    if *candidate == NONE {
-                        continue;
-                    }
-                    let normal = self.edgels[*candidate as usize].normal;
-                    if normal[0] * mean[0] + normal[1] * mean[1] >= self.least_cosine {
-                        members.push(*candidate);
+            let Edgel { row, column, .. } = self.edgels[index as usize];
+            let mean = sum;
+            let least = self.least_cosine * (mean[0] * mean[0] + mean[1] * mean[1]).sqrt();
+            for near_row in row - REACH..=row + REACH {
+                let from = column - REACH;
+                let at = self.word_at(near_row, from);
+                let two = u128::from(self.words[at].free) | u128::from(self.words[at + 1].free) << 64;
+                let mut free = (two >> (from % 64)) as u64 & ((1 << (2 * REACH + 1)) - 1);
+                while free != 0 {
+                    let near_column = from + free.trailing_zeros();
+                    free &= free - 1;
+                    let word = &mut self.words[near_row as usize * self.words_per_row + near_column as usize / 64];
+                    let bit = 1_u64 << (near_column % 64);
+                    let candidate = word.first + (word.present & (bit - 1)).count_ones();
+                    let normal = self.edgels[candidate as usize].normal;
+                    if normal[0] * mean[0] + normal[1] * mean[1] >= least {
+                        members.push(candidate);
                         sum = [sum[0] + normal[0], sum[1] + normal[1]];
-                        *candidate = NONE;
+                        word.free &= !bit;
                     }
                 }
             }
