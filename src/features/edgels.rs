@@ -2,6 +2,7 @@
 //! their position to a fraction of a cell.
 
 use super::picture::GreyWindow;
+use super::smooth::Grid;
 
 /// One edge pixel, in cells of the window; the middle of the first cell is (0.5, 0.5).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,17 +41,18 @@ pub fn edgels(window: &GreyWindow, least_gradient: f32) -> Vec<Edgel> {
     if width < 5 || height < 5 {
         return Vec::new();
     }
+    let grid = Grid { values: &window.grey, width, height };
     let row = || vec![0.0_f32; width];
     let gradient_row = || GradientRow { x: row(), y: row(), squared: row() };
     let mut smooth = [row(), row(), row()];
     let mut gradient = [gradient_row(), gradient_row(), gradient_row()];
     let (mut buffer, mut is_edgel) = (row(), vec![0_u32; width]);
     let mut found = Vec::with_capacity(width * height / 16);
-    smooth_row(window, 0, &mut buffer, &mut smooth[1]);
-    smooth_row(window, 1, &mut buffer, &mut smooth[2]);
+    grid.smooth_row(0, &mut buffer, &mut smooth[1]);
+    grid.smooth_row(1, &mut buffer, &mut smooth[2]);
     for last in 2..height {
         smooth.rotate_left(1);
-        smooth_row(window, last, &mut buffer, &mut smooth[2]);
+        grid.smooth_row(last, &mut buffer, &mut smooth[2]);
         gradient.rotate_left(1);
         differentiate(&smooth, &mut gradient[2]);
         // the middle one of three rows of gradients
@@ -60,24 +62,6 @@ pub fn edgels(window: &GreyWindow, least_gradient: f32) -> Vec<Edgel> {
         }
     }
     found
-}
-
-/// One row after the binomial filter (1 2 1)/4 in both directions; across the rim there is none.
-fn smooth_row(window: &GreyWindow, row: usize, buffer: &mut [f32], smooth: &mut [f32]) {
-    let width = window.width;
-    let at = |r: usize| &window.grey[r * width..(r + 1) * width];
-    if row == 0 || row == window.height - 1 {
-        buffer.copy_from_slice(at(row));
-    } else {
-        let (above, here, below) = (at(row - 1), at(row), at(row + 1));
-        for (((out, a), h), b) in buffer.iter_mut().zip(above).zip(here).zip(below) {
-            *out = 0.25 * (a + b) + 0.5 * h;
-        }
-    }
-    smooth.copy_from_slice(buffer);
-    for (out, near) in smooth[1..width - 1].iter_mut().zip(buffer.windows(3)) {
-        *out = 0.25 * (near[0] + near[2]) + 0.5 * near[1];
-    }
 }
 
 /// Sobel's gradient in the middle one of three rows.

@@ -99,6 +99,8 @@ fn strongest_first(edgels: &[Edgel]) -> Vec<u32> {
 /// Which edge pixels are still free, and how they are collected.
 struct Regions<'a> {
     edgels: &'a [Edgel],
+    /// Their normals beside one another: nothing else of a candidate is looked at.
+    normals: Vec<[f32; 2]>,
     /// 64 cells a word, row by row, each row with an empty word at its end.
     words: Vec<Word>,
     words_per_row: usize,
@@ -111,27 +113,46 @@ struct Word {
     /// Those that no collection has taken.
     free: u64,
     present: u64,
-    /// Index of the first of them.
+    /// How many edgels come before these cells.
     first: u32,
 }
 
 /// Cells to either side in which a connected edgel is looked for.
 const REACH: u32 = 2;
+/// The cells from one side to the other.
+const AROUND: u32 = 2 * REACH + 1;
+/// How many bits of a number are set.
+const BITS_SET: [u32; 1 << AROUND] = {
+    let mut set = [0; 1 << AROUND];
+    let mut k = 1;
+    while k < set.len() {
+        set[k] = set[k / 2] + (k % 2) as u32;
+        k += 1;
+    }
+    set
+};
+
+/// The bits of [`AROUND`] cells in a row, the first of them at `shift` in the first of two words.
+fn window(word: u64, next_word: u64, shift: u32) -> u64 {
+    let two = u128::from(word) | u128::from(next_word) << 64;
+    (two >> shift) as u64 & ((1 << AROUND) - 1)
+}
 
 impl<'a> Regions<'a> {
     /// `edgels` row by row, at least [`REACH`] cells away from the rim.
     fn new(edgels: &'a [Edgel], width: usize, height: usize, least_cosine: f32) -> Self {
         let words_per_row = width.div_ceil(64) + 1;
         let mut words = vec![Word::default(); words_per_row * height];
-        for (index, e) in edgels.iter().enumerate() {
-            let word = &mut words[e.row as usize * words_per_row + e.column as usize / 64];
-            if word.present == 0 {
-                word.first = index as u32;
-            }
-            word.present |= 1 << (e.column % 64);
-            word.free = word.present;
+        for e in edgels {
+            words[e.row as usize * words_per_row + e.column as usize / 64].present |= 1 << (e.column % 64);
         }
-        Self { edgels, words, words_per_row, least_cosine }
+        let mut first = 0;
+        for word in &mut words {
+            (word.first, word.free) = (first, word.present);
+            first += word.present.count_ones();
+        }
+        let normals = edgels.iter().map(|e| e.normal).collect();
+        Self { edgels, normals, words, words_per_row, least_cosine }
     }
 
     fn word_at(&self, row: u32, column: u32) -> usize {
@@ -155,31 +176,38 @@ impl<'a> Regions<'a> {
         }
         members.clear();
         members.push(seed);
-        let mut sum = self.edgels[seed as usize].normal;
+        let mut sum = self.normals[seed as usize];
         let mut next = 0;
         while let Some(&index) = members.get(next) {
             next += 1;
             let Edgel { row, column, .. } = self.edgels[index as usize];
             let mean = sum;
             let least = self.least_cosine * (mean[0] * mean[0] + mean[1] * mean[1]).sqrt();
+            let shift = (column - REACH) % 64;
             for near_row in row - REACH..=row + REACH {
-                let from = column - REACH;
-                let at = self.word_at(near_row, from);
-                let two = u128::from(self.words[at].free) | u128::from(self.words[at + 1].free) << 64;
-                let mut free = (two >> (from % 64)) as u64 & ((1 << (2 * REACH + 1)) - 1);
+                let at = self.word_at(near_row, column - REACH);
+                let [word, next_word] = [self.words[at], self.words[at + 1]];
+                let mut free = window(word.free, next_word.free, shift);
+                if free == 0 {
+                    continue;
+                }
+                let present = window(word.present, next_word.present, shift);
+                let before = word.first + (word.present & !(u64::MAX << shift)).count_ones();
+                let mut taken = 0;
                 while free != 0 {
-                    let near_column = from + free.trailing_zeros();
-                    free &= free - 1;
-                    let word = &mut self.words[near_row as usize * self.words_per_row + near_column as usize / 64];
-                    let bit = 1_u64 << (near_column % 64);
-                    let candidate = word.first + (word.present & (bit - 1)).count_ones();
-                    let normal = self.edgels[candidate as usize].normal;
+                    let bit = free & free.wrapping_neg();
+                    free ^= bit;
+                    let candidate = before + BITS_SET[(present & (bit - 1)) as usize];
+                    let normal = self.normals[candidate as usize];
                     if normal[0] * mean[0] + normal[1] * mean[1] >= least {
                         members.push(candidate);
                         sum = [sum[0] + normal[0], sum[1] + normal[1]];
-                        word.free &= !bit;
+                        taken |= bit;
                     }
                 }
+                let taken = u128::from(taken) << shift;
+                self.words[at].free &= !(taken as u64);
+                self.words[at + 1].free &= !((taken >> 64) as u64);
             }
         }
         true
