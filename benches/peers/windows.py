@@ -1,10 +1,12 @@
-"""F3: windows out of a tiled TIFF with GDAL, the file opened for each window. `windows.py make FILE SIDE PICTURE`
+"""F3: windows out of a tiled TIFF with GDAL. `windows.py make FILE SIDE PICTURE`
 writes such a file: the picture beside and below itself, 256 x 256 tiles, Deflate with predictor, as GDAL does it."""
-import sys
+import sys, warnings
 from peer import array, serve
 import numpy as np
-import rasterio
+import rasterio, rasterio.errors
 from rasterio.windows import Window
+
+warnings.filterwarnings("ignore", category=rasterio.errors.NotGeoreferencedWarning)
 
 
 def make(path, side, picture):
@@ -26,8 +28,8 @@ windows = [tuple(int(n) for n in row) for row in array(sys.argv[1], "windows", 4
 
 def run(path):
     total = 0
-    for window in windows:
-        with rasterio.open(path) as source:
+    with rasterio.open(path) as source:
+        for window in windows:
             total += int(source.read(1, window=Window(*window)).sum(dtype=np.int64))
     return {"sum": total}
 

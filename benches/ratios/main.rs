@@ -12,6 +12,7 @@ mod dataset;
 mod measure;
 mod peer;
 mod pipeline;
+mod resection;
 mod segments;
 mod table;
 mod windows;
@@ -28,6 +29,10 @@ const BENCHES: &[(&str, Bench)] = &[
     ("F1", segments::bench),
     ("F3", windows::bench),
     ("F4", clustering::bench),
+    ("F5", resection::bench_all_quadruples),
+    ("F6", resection::bench_ransac),
+    ("F7", resection::bench_lines),
+    ("F8", resection::bench_subsets),
     ("F9", pipeline::bench),
 ];
 

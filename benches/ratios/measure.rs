@@ -63,5 +63,7 @@ pub fn machine() -> String {
     let load = read("/proc/loadavg");
     let load = load.split(' ').next().unwrap_or("?");
     let (name, family, model) = (field("model name"), field("cpu family"), field("model\t"));
-    format!("{name}, family {family} model {model}, {cores} cores, load average {load}; medians of {RUNS} runs, CPU time")
+    format!(
+        "{name}, family {family} model {model}, {cores} cores, load average {load}; medians of {RUNS} runs, CPU time"
+    )
 }

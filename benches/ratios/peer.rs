@@ -52,8 +52,19 @@ impl Peers {
 
     /// Starts a peer that reads its inputs from a folder.
     pub fn start(&self, script: &str, folder: &Path) -> Result<Peer> {
-        let mut child =
-            self.command(script).arg(folder).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().context("python")?;
+        self.start_with(script, folder, &[])
+    }
+
+    /// The same with further arguments.
+    pub fn start_with(&self, script: &str, folder: &Path, arguments: &[&str]) -> Result<Peer> {
+        let mut command = self.command(script);
+        let mut child = command
+            .arg(folder)
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .context("python")?;
         let (input, output) = child.stdin.take().zip(child.stdout.take()).context("its pipes")?;
         let mut peer = Peer { child, input, output: BufReader::new(output), script: script.to_owned() };
         match peer.line()?.as_str() {

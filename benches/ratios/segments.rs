@@ -53,7 +53,8 @@ pub fn bench(peers: &Peers) -> Result<Vec<Row>> {
     let ours: Vec<Vec<Segment2>> = compared.made.iter().map(|f| f.iter().map(|l| l.segment).collect()).collect();
     let theirs = listed(&compared.told["found"]).context("the segments of LSD")?;
     let count = windows.len() as f64;
-    let long = |found: &[Vec<Segment2>]| found.iter().flatten().filter(|s| s.length() > SHORTEST).count() as f64 / count;
+    let long =
+        |found: &[Vec<Segment2>]| found.iter().flatten().filter(|s| s.length() > SHORTEST).count() as f64 / count;
     let note = format!(
         "{} windows; lines over {SHORTEST} cells a window: LSD {:.1}, ours {:.1}; LSD's that ours cover {:.3}, ours that \
          LSD's cover {:.3}; model edges found: LSD {:.3}, ours {:.3}",

@@ -3,7 +3,8 @@
 use std::fmt;
 
 /// What the columns are.
-pub const HEAD: &str = "id  what                                              peer ms     ours ms    ratio   gate  moonshot";
+pub const HEAD: &str =
+    "id  what                                              peer ms     ours ms    ratio   gate  moonshot";
 
 /// A comparison with its bounds.
 pub struct Row {
@@ -27,7 +28,10 @@ impl fmt::Display for Row {
             _ => "GATE MISSED",
         };
         let (peer_ms, ours_ms) = (1e3 * peer_s, 1e3 * ours_s);
-        write!(f, "{id:<3} {what:<46} {peer_ms:>10.3}  {ours_ms:>10.3}  {ratio:>7.4}  {gate:>5}  {moonshot:>8}  {held}")?;
+        write!(
+            f,
+            "{id:<3} {what:<46} {peer_ms:>10.3}  {ours_ms:>10.3}  {ratio:>7.4}  {gate:>5}  {moonshot:>8}  {held}"
+        )?;
         if note.is_empty() { Ok(()) } else { write!(f, "\n      {note}") }
     }
 }

@@ -119,6 +119,8 @@ struct Votes {
     /// The cells where that is more than nothing: the first `count` of these.
     touched: Vec<u32>,
     count: usize,
+    /// For each of them how much of the edge is covered.
+    steps: Vec<u8>,
 }
 
 /// Numbers with a fractional part of 32 bits.
@@ -127,7 +129,8 @@ const ONE_FIXED: f64 = (1_u64 << 32) as f64;
 impl Votes {
     fn new(size: usize, cell_px: f64) -> Self {
         let cells = size * size;
-        Self { size, cell_px, covered_px: vec![[0.0; 2]; cells], touched: vec![0; cells + 1], count: 0 }
+        let (covered_px, touched) = (vec![[0.0; 2]; cells], vec![0; cells + 1]);
+        Self { size, cell_px, covered_px, touched, count: 0, steps: Vec::new() }
     }
 
     /// Adds to each cell the length of the edge that the segment covers under that shift.
@@ -159,6 +162,15 @@ impl Votes {
         let (mut place, slope) = ((ends[0] * ONE_FIXED) as i64, (slope * ONE_FIXED) as i64);
         let (shorter, reach, step_px) = (shorter as f32, reach as f32, (self.cell_px / cosine) as f32);
         let mut from = (first_step - middle - major) as f32;
+        let (covered_px, touched) = (&mut self.covered_px[..], &mut self.touched[..]);
+        let mut count = self.count;
+        let mut cover = |cell: usize, length_px: f32| {
+            let covered_px = &mut covered_px[cell];
+            // without a branch: whether bands cross here cannot be foreseen
+            touched[count] = cell as u32;
+            count += usize::from(covered_px[0].to_bits() | covered_px[1].to_bits() == 0);
+            covered_px[segment.level] += length_px;
+        };
         for step in first_step as usize..=last_step as usize {
             let overlap = shorter.min(reach - from.abs() * step_px);
             let nearest = (place >> 32) as usize;
@@ -166,33 +178,28 @@ impl Votes {
             place += slope;
             if (1..last).contains(&nearest) {
                 let cell = step * step_stride + nearest * stride;
-                self.cover(cell - stride, segment.level, BESIDE * overlap);
-                self.cover(cell, segment.level, overlap);
-                self.cover(cell + stride, segment.level, BESIDE * overlap);
+                cover(cell - stride, BESIDE * overlap);
+                cover(cell, overlap);
+                cover(cell + stride, BESIDE * overlap);
             }
         }
-    }
-
-    #[inline]
-    fn cover(&mut self, cell: usize, level: usize, length_px: f32) {
-        let covered_px = &mut self.covered_px[cell];
-        // without a branch: whether bands cross here cannot be foreseen
-        self.touched[self.count] = cell as u32;
-        self.count += usize::from(covered_px[0].to_bits() | covered_px[1].to_bits() == 0);
-        covered_px[level] += length_px;
+        self.count = count;
     }
 
     /// Adds what the covered share of the edge says of each shift to the touched cells of a map, and forgets it.
     /// Returns what is due to *all* cells: the touched ones were given only what they have beyond that.
     fn move_to(&mut self, values: &mut [f32], edge_length_px: f64) -> f32 {
         let to_step = COVERAGE_STEPS as f32 / edge_length_px as f32;
-        let step = |[fine, coarse]: [f32; 2]| ((fine.max(coarse) * to_step) as usize).min(COVERAGE_STEPS - 1);
         let touched = &self.touched[..self.count];
         let mut counts = [1_usize; COVERAGE_STEPS];
         counts[0] += values.len() - touched.len();
-        for cell in touched {
-            counts[step(self.covered_px[*cell as usize])] += 1;
-        }
+        self.steps.clear();
+        self.steps.extend(touched.iter().map(|cell| {
+            let [fine, coarse] = std::mem::take(&mut self.covered_px[*cell as usize]);
+            let step = ((fine.max(coarse) * to_step) as usize).min(COVERAGE_STEPS - 1);
+            counts[step] += 1;
+            step as u8
+        }));
         let total: usize = counts.iter().sum();
         let seen = 1.0 / (COVERAGE_STEPS - LEAST_SEEN_STEPS) as f64;
         let ratio = std::array::from_fn::<f32, COVERAGE_STEPS, _>(|k| {
@@ -200,9 +207,8 @@ impl Votes {
             let if_seen = if k < LEAST_SEEN_STEPS { 0.0 } else { seen };
             ((1.0 - SHARE_SEEN + SHARE_SEEN * if_seen / by_chance).ln() as f32).min(MOST_LOG_LIKELIHOOD)
         });
-        for cell in touched {
-            let covered_px = std::mem::take(&mut self.covered_px[*cell as usize]);
-            values[*cell as usize] += ratio[step(covered_px)] - ratio[0];
+        for (cell, step) in touched.iter().zip(&self.steps) {
+            values[*cell as usize] += ratio[usize::from(*step) % COVERAGE_STEPS] - ratio[0];
         }
         self.count = 0;
         ratio[0]
