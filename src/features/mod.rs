@@ -3,6 +3,7 @@
 pub mod edgels;
 pub mod picture;
 pub mod segments;
+pub(crate) mod smooth;
 
 pub use picture::{GreyWindow, Picture, PictureError, PixelRect};
 pub use segments::{Detection, LineSegment, line_segments};

@@ -28,6 +28,24 @@ pub struct GreyWindow {
     pub grey: Vec<f32>,
 }
 
+impl GreyWindow {
+    /// The window at half the resolution. (Where the rim cuts blocks of pixels, those at the rim count as whole ones.)
+    #[must_use]
+    pub fn halved(&self) -> Self {
+        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
+        let mut grey = Vec::with_capacity(width * height);
+        for two in self.grey.chunks(2 * self.width.max(1)) {
+            // the last of an odd number of rows stands for two
+            let (above, below) = two.split_at(self.width);
+            let below = if below.is_empty() { above } else { below };
+            let (a, b) = (above.as_chunks::<2>(), below.as_chunks::<2>());
+            grey.extend(a.0.iter().zip(b.0).map(|(a, b)| 0.25 * ((a[0] + a[1]) + (b[0] + b[1]))));
+            grey.extend(a.1.iter().zip(b.1).map(|(a, b)| 0.5 * (a + b)));
+        }
+        Self { origin_px: self.origin_px, reduction: 2 * self.reduction, width, height, grey }
+    }
+}
+
 /// A picture that could not be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{detail}")]

@@ -99,56 +99,115 @@ fn strongest_first(edgels: &[Edgel]) -> Vec<u32> {
 /// Which edge pixels are still free, and how they are collected.
 struct Regions<'a> {
     edgels: &'a [Edgel],
-    /// For each cell the free edgel in it, else `NONE`.
-    at_cell: Vec<u32>,
-    width: usize,
-    height: usize,
+    /// Their normals beside one another: nothing else of a candidate is looked at.
+    normals: Vec<[f32; 2]>,
+    /// 64 cells a word, row by row, each row with an empty word at its end.
+    words: Vec<Word>,
+    words_per_row: usize,
     least_cosine: f32,
 }
 
-const NONE: u32 = u32::MAX;
+/// Which of 64 neighbouring cells have an edgel. A bit a cell, so that the neighbourhood of a cell is a few words.
+#[derive(Clone, Copy, Default)]
+struct Word {
+    /// Those that no collection has taken.
+    free: u64,
+    present: u64,
+    /// How many edgels come before these cells.
+    first: u32,
+}
+
+/// Cells to either side in which a connected edgel is looked for.
+const REACH: u32 = 2;
+/// The cells from one side to the other.
+const AROUND: u32 = 2 * REACH + 1;
+/// How many bits of a number are set.
+const BITS_SET: [u32; 1 << AROUND] = {
+    let mut set = [0; 1 << AROUND];
+    let mut k = 1;
+    while k < set.len() {
+        set[k] = set[k / 2] + (k % 2) as u32;
+        k += 1;
+    }
+    set
+};
+
+/// The bits of [`AROUND`] cells in a row, the first of them at `shift` in the first of two words.
+fn window(word: u64, next_word: u64, shift: u32) -> u64 {
+    let two = u128::from(word) | u128::from(next_word) << 64;
+    (two >> shift) as u64 & ((1 << AROUND) - 1)
+}
 
 impl<'a> Regions<'a> {
+    /// `edgels` row by row, at least [`REACH`] cells away from the rim.
     fn new(edgels: &'a [Edgel], width: usize, height: usize, least_cosine: f32) -> Self {
-        let mut at_cell = vec![NONE; width * height];
-        for (index, edgel) in edgels.iter().enumerate() {
-            at_cell[edgel.cell as usize] = index as u32;
+        let words_per_row = width.div_ceil(64) + 1;
+        let mut words = vec![Word::default(); words_per_row * height];
+        for e in edgels {
+            words[e.row as usize * words_per_row + e.column as usize / 64].present |= 1 << (e.column % 64);
         }
-        Self { edgels, at_cell, width, height, least_cosine }
+        let mut first = 0;
+        for word in &mut words {
+            (word.first, word.free) = (first, word.present);
+            first += word.present.count_ones();
+        }
+        let normals = edgels.iter().map(|e| e.normal).collect();
+        Self { edgels, normals, words, words_per_row, least_cosine }
+    }
+
+    fn word_at(&self, row: u32, column: u32) -> usize {
+        row as usize * self.words_per_row + column as usize / 64
+    }
+
+    /// Marks an edgel as taken; false if it was before.
+    fn take(&mut self, index: u32) -> bool {
+        let e = &self.edgels[index as usize];
+        let (word, bit) = (self.word_at(e.row, e.column), 1 << (e.column % 64));
+        let free = self.words[word].free & bit != 0;
+        self.words[word].free &= !bit;
+        free
     }
 
     /// Collects into `members` what is connected to `seed` over at most one missing cell and points the same way as
     /// all collected before; false if the seed is taken already.
     fn grow(&mut self, seed: u32, members: &mut Vec<u32>) -> bool {
-        let first = &self.edgels[seed as usize];
-        if self.at_cell[first.cell as usize] != seed {
+        if !self.take(seed) {
             return false;
         }
-        self.at_cell[first.cell as usize] = NONE;
         members.clear();
         members.push(seed);
-        let mut sum = first.normal;
+        let mut sum = self.normals[seed as usize];
         let mut next = 0;
         while let Some(&index) = members.get(next) {
             next += 1;
-            let cell = self.edgels[index as usize].cell as usize;
-            let (row, column) = (cell / self.width, cell % self.width);
-            let norm = sum[0].hypot(sum[1]).max(f32::MIN_POSITIVE);
-            let mean = [sum[0] / norm, sum[1] / norm];
-            // edgels keep two cells away from the rim
-            for near_row in row.saturating_sub(2)..(row + 3).min(self.height) {
-                let start = near_row * self.width;
-                for candidate in &mut self.at_cell[start + column - 2..start + column + 3] {
-                    if *candidate == NONE {
-                        continue;
-                    }
-                    let normal = self.edgels[*candidate as usize].normal;
-                    if normal[0] * mean[0] + normal[1] * mean[1] >= self.least_cosine {
-                        members.push(*candidate);
+            let Edgel { row, column, .. } = self.edgels[index as usize];
+            let mean = sum;
+            let least = self.least_cosine * (mean[0] * mean[0] + mean[1] * mean[1]).sqrt();
+            let shift = (column - REACH) % 64;
+            for near_row in row - REACH..=row + REACH {
+                let at = self.word_at(near_row, column - REACH);
+                let [word, next_word] = [self.words[at], self.words[at + 1]];
+                let mut free = window(word.free, next_word.free, shift);
+                if free == 0 {
+                    continue;
+                }
+                let present = window(word.present, next_word.present, shift);
+                let before = word.first + (word.present & !(u64::MAX << shift)).count_ones();
+                let mut taken = 0;
+                while free != 0 {
+                    let bit = free & free.wrapping_neg();
+                    free ^= bit;
+                    let candidate = before + BITS_SET[(present & (bit - 1)) as usize];
+                    let normal = self.normals[candidate as usize];
+                    if normal[0] * mean[0] + normal[1] * mean[1] >= least {
+                        members.push(candidate);
                         sum = [sum[0] + normal[0], sum[1] + normal[1]];
-                        *candidate = NONE;
+                        taken |= bit;
                     }
                 }
+                let taken = u128::from(taken) << shift;
+                self.words[at].free &= !(taken as u64);
+                self.words[at + 1].free &= !((taken >> 64) as u64);
             }
         }
         true

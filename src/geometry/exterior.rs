@@ -46,13 +46,22 @@ impl ExteriorOrientation {
         }
         let scale = principal_distance_px / u.z;
         let point = Vector2::new(-u.x, u.y) * scale;
-        // rows of d(point)/du: x = -c U/W, y = c V/W (y points down here)
-        let by_u = Matrix2x3::new(-scale, 0.0, scale * u.x / u.z, 0.0, scale, -scale * u.y / u.z);
-        let by_centre = -(by_u * self.camera_from_object.matrix());
-        let by_theta = by_u * u.cross_matrix();
+        // rows of d(point)/du: x = -c U/W, y = c V/W (y points down here); du/dX0 = -R, du/dtheta = [u]x
+        let (by_x, by_y) = (scale * u.x / u.z, -scale * u.y / u.z);
+        let r = self.camera_from_object.matrix();
         let mut jacobian = Matrix2x6::zeros();
-        jacobian.fixed_columns_mut::<3>(0).copy_from(&by_centre);
-        jacobian.fixed_columns_mut::<3>(3).copy_from(&by_theta);
+        for column in 0..3 {
+            jacobian[(0, column)] = scale * r[(0, column)] - by_x * r[(2, column)];
+            jacobian[(1, column)] = -scale * r[(1, column)] - by_y * r[(2, column)];
+        }
+        jacobian.fixed_columns_mut::<3>(3).copy_from(&Matrix2x3::new(
+            -by_x * u.y,
+            scale * u.z + by_x * u.x,
+            -scale * u.y,
+            scale * u.z - by_y * u.y,
+            by_y * u.x,
+            -scale * u.x,
+        ));
         Some((point, jacobian))
     }
 

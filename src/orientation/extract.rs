@@ -123,10 +123,9 @@ impl<'a> Extraction<'a> {
         let side = self.tile_px();
         let rect = PixelRect { x: column * side, y: row * side, width: side, height: side };
         let mut segments = Vec::new();
-        for reduction in [self.fine_reduction, 2 * self.fine_reduction] {
-            let window = self.picture.window(rect, reduction)?;
-            let found = line_segments(&window, &self.detection);
-            let coarse = reduction != self.fine_reduction;
+        let fine = self.picture.window(rect, self.fine_reduction)?;
+        for (window, coarse) in [(&fine, false), (&fine.halved(), true)] {
+            let found = line_segments(window, &self.detection);
             segments.extend(found.iter().filter_map(|line| observed(self.camera, line, coarse)));
         }
         Ok(segments)
@@ -190,14 +189,14 @@ mod tests {
             extraction.cover(Vector2::repeat(least), Vector2::repeat(largest)).unwrap();
         };
         square(&mut extraction, 600.0, 800.0);
-        // one tile of 2048 px, on two levels
-        assert_eq!(picture.read.lock().unwrap().len(), 2);
+        // one tile of 2048 px, for both levels
+        assert_eq!(picture.read.lock().unwrap().len(), 1);
         square(&mut extraction, -500.0, 1000.0);
-        assert_eq!(picture.read.lock().unwrap().len(), 2);
+        assert_eq!(picture.read.lock().unwrap().len(), 1);
         square(&mut extraction, 6000.0, 7000.0);
-        assert_eq!(picture.read.lock().unwrap().len(), 2);
+        assert_eq!(picture.read.lock().unwrap().len(), 1);
         square(&mut extraction, 1900.0, 2100.0);
-        assert_eq!(picture.read.lock().unwrap().len(), 8);
+        assert_eq!(picture.read.lock().unwrap().len(), 4);
     }
 
     #[test]

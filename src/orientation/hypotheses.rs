@@ -10,7 +10,7 @@ use super::locate::{Clustering, Peak, shift_map};
 use super::predict::{Prediction, edges_on_frame_px, on_frame};
 use super::search::{Candidate, Hypothesis, Search, WIDE, reach, square};
 use super::views::{Narrowed, REACH_SIGMAS, narrowed};
-use crate::estimation::{PointObservation, Prior, Resection, resect};
+use crate::estimation::{PointObservation, Prior, Resection, foretold_squares, resect};
 use crate::features::PictureError;
 use crate::geometry::{ExteriorOrientation, Segment2};
 
@@ -19,6 +19,9 @@ const PAIRED: usize = 260;
 /// Sum of squares of a pair with the prior beyond which they do not belong together: of the four redundant observations
 /// two may show all of the tilt that is believed, the others are within 99.99 %.
 const PAIR_GATE: f64 = 18.4 + REACH_SIGMAS * REACH_SIGMAS;
+/// A pair whose sum of squares exceeds the gate by this factor after one linear step will not come below it: what
+/// curvature adds over a step of a few degrees is less than the gate itself.
+const HOPELESS: f64 = 4.0;
 /// The best pairs, to which further control points are joined.
 const GROWN: usize = 300;
 const PEAKS_OF_A_WINDOW: usize = 10;
@@ -50,11 +53,14 @@ impl Search<'_> {
         }
         strongest.sort_by(|a, b| b.0.peak.log_likelihood.total_cmp(&a.0.peak.log_likelihood));
         strongest.truncate(PAIRED);
+        let priors: Vec<Option<Prior>> = strongest.iter().map(|(_, view)| self.approximation.prior(view)).collect();
         let peaks: Vec<Vec<Peak>> = candidates.iter().map(|c| c.iter().map(|c| c.peak).collect()).collect();
         let mut pairs = Vec::new();
         for (k, (second, _)) in strongest.iter().enumerate().take_while(|_| go_on()) {
-            for (first, view) in strongest[..k].iter().filter(|(s, _)| s.control_point != second.control_point) {
-                pairs.extend(self.pair([*first, *second], view, &peaks));
+            for ((first, view), prior) in strongest[..k].iter().zip(&priors) {
+                if let (Some(prior), true) = (prior, first.control_point != second.control_point) {
+                    pairs.extend(self.pair([*first, *second], view, prior, &peaks));
+                }
             }
         }
         pairs.sort_by(|a: &Pair, b| b.rating.total_cmp(&a.rating));
@@ -65,17 +71,21 @@ impl Search<'_> {
         (hypotheses, pairs.len())
     }
 
-    fn pair(&self, seeds: [Seed; 2], view: &ExteriorOrientation, peaks: &[Vec<Peak>]) -> Option<Pair> {
-        let prior = self.approximation.prior(view)?;
-        let fit = self.fit(&seeds, &prior, view, WIDE).filter(|fit| fit.squares < PAIR_GATE)?;
+    fn pair(&self, seeds: [Seed; 2], view: &ExteriorOrientation, prior: &Prior, peaks: &[Vec<Peak>]) -> Option<Pair> {
+        let (points, c) = (self.points(&seeds, view, WIDE), self.camera.principal_distance_px);
+        foretold_squares(&points, Some(prior), view, c).filter(|squares| *squares < HOPELESS * PAIR_GATE)?;
+        let fit = resect(&points, Some(prior), view, c).filter(|fit| fit.squares < PAIR_GATE)?;
         let prediction = Prediction { orientation: fit.orientation, covariance: fit.covariance };
         Some(Pair { rating: self.rating(&prediction, peaks) - fit.squares / 2.0, seeds, start: fit.orientation })
     }
 
     fn fit(&self, seeds: &[Seed], prior: &Prior, start: &ExteriorOrientation, scale: Scale) -> Option<Resection> {
-        let observation = |seed: &Seed| self.observation(seed.control_point, seed.peak.at_px, scale.sigma_px, start);
-        let points: Vec<PointObservation> = seeds.iter().map(observation).collect();
-        resect(&points, Some(prior), start, self.camera.principal_distance_px)
+        resect(&self.points(seeds, start, scale), Some(prior), start, self.camera.principal_distance_px)
+    }
+
+    fn points(&self, seeds: &[Seed], at: &ExteriorOrientation, scale: Scale) -> Vec<PointObservation> {
+        let observation = |seed: &Seed| self.observation(seed.control_point, seed.peak.at_px, scale.sigma_px, at);
+        seeds.iter().map(observation).collect()
     }
 
     /// A located reference point as an observation, the accuracy of the control point in it.

@@ -9,6 +9,7 @@
 use nalgebra::Vector2;
 
 use super::extract::ObservedSegment;
+use crate::features::smooth::Grid;
 use crate::geometry::Segment2;
 
 /// How the shifts are searched.
@@ -76,25 +77,36 @@ pub fn shift_map(
     let mut votes = Votes::new(map.size, map.cell_px);
     let reach = edges_px.iter().map(|e| (e.start - predicted_px).norm().max((e.end - predicted_px).norm()));
     let reach = reach.fold(0.0, f64::max) + clustering.half_width_px;
-    let near: Vec<&ObservedSegment> = observed
+    let near: Vec<Near> = observed
         .iter()
         .filter(|s| s.coarse || clustering.fine)
-        .filter(|s| {
-            let from = s.segment_px.midpoint() - predicted_px;
-            from.x.abs().max(from.y.abs()) < reach + s.length_px / 2.0
+        .map(|s| Near {
+            middle: s.segment_px.midpoint() - predicted_px,
+            along: s.direction,
+            length_px: s.length_px,
+            level: usize::from(s.coarse),
         })
+        .filter(|n| n.middle.amax() < reach + n.length_px / 2.0)
         .collect();
     let least_cosine = clustering.direction_tolerance_rad.cos();
     let mut untouched = 0.0;
     for edge in edges_px.iter().filter(|e| e.length() >= SHORTEST_EDGE_PX) {
-        let along = edge.direction();
-        for segment in near.iter().filter(|s| s.direction.dot(&along).abs() >= least_cosine) {
-            votes.add(edge, segment);
+        let (along, length_px, middle) = (edge.direction(), edge.length(), edge.midpoint() - predicted_px);
+        for segment in near.iter().filter(|s| s.along.dot(&along).abs() >= least_cosine) {
+            votes.add(middle, length_px, segment);
         }
-        untouched += votes.move_to(&mut map.values, edge.length());
+        untouched += votes.move_to(&mut map.values, length_px);
     }
     map.values.iter_mut().for_each(|value| *value += untouched);
     map
+}
+
+/// What matters of a line segment in the neighbourhood; places are relative to the predicted reference point.
+struct Near {
+    middle: Vector2<f64>,
+    along: Vector2<f64>,
+    length_px: f64,
+    level: usize,
 }
 
 /// The lengths of one edge that segments cover under each shift. Few shifts are touched by any segment: they are
@@ -102,28 +114,32 @@ pub fn shift_map(
 struct Votes {
     size: usize,
     cell_px: f64,
-    /// For each cell what segments of the coarse and of the fine level cover.
+    /// For each cell what segments of the fine and of the coarse level cover.
     covered_px: Vec<[f32; 2]>,
+    /// The cells where that is more than nothing: the first `count` of these.
     touched: Vec<u32>,
+    count: usize,
+    /// For each of them how much of the edge is covered.
+    steps: Vec<u8>,
 }
+
+/// Numbers with a fractional part of 32 bits.
+const ONE_FIXED: f64 = (1_u64 << 32) as f64;
 
 impl Votes {
     fn new(size: usize, cell_px: f64) -> Self {
-        Self { size, cell_px, covered_px: vec![[0.0; 2]; size * size], touched: Vec::new() }
+        let cells = size * size;
+        let (covered_px, touched) = (vec![[0.0; 2]; cells], vec![0; cells + 1]);
+        Self { size, cell_px, covered_px, touched, count: 0, steps: Vec::new() }
     }
 
     /// Adds to each cell the length of the edge that the segment covers under that shift.
-    fn add(&mut self, edge: &Segment2, segment: &ObservedSegment) {
-        let edge_length = edge.length();
-        let (shorter, longer) = if edge_length < segment.length_px {
-            (edge_length, segment.length_px)
-        } else {
-            (segment.length_px, edge_length)
-        };
+    fn add(&mut self, edge_middle: Vector2<f64>, edge_length_px: f64, segment: &Near) {
+        let (shorter, longer) = (edge_length_px.min(segment.length_px), edge_length_px.max(segment.length_px));
         let reach = (longer + shorter) / 2.0;
         let middle = (self.size / 2) as f64;
-        let shift = (segment.segment_px.midpoint() - edge.midpoint()) / self.cell_px;
-        let along = segment.direction;
+        let shift = (segment.middle - edge_middle) / self.cell_px;
+        let along = segment.along;
         // one cell for every column (or row) that the band of shifts crosses, and its two neighbours across
         let by_column = along.x.abs() >= along.y.abs();
         let (major, minor, slope, cosine) = if by_column {
@@ -132,48 +148,58 @@ impl Votes {
             (shift.y, shift.x, along.x / along.y, along.y.abs())
         };
         let span = reach / self.cell_px * cosine;
-        let last = self.size as f64 - 1.0;
+        let last = self.size - 1;
         let first_step = (major - span + middle).ceil().max(0.0);
-        let last_step = (major + span + middle).floor().min(last);
-        if first_step > last_step {
+        let last_step = (major + span + middle).floor().min(last as f64);
+        // a cast cuts off: half a cell makes it the nearest
+        let place_at = |step: f64| minor + (step - middle - major) * slope + middle + 0.5;
+        let ends = [place_at(first_step), place_at(last_step)];
+        let outside = ends.iter().all(|place| *place < 1.0) || ends.iter().all(|place| *place >= last as f64);
+        if first_step > last_step || outside {
             return;
         }
         let (step_stride, stride) = if by_column { (1, self.size) } else { (self.size, 1) };
-        let level = usize::from(!segment.coarse);
+        let (mut place, slope) = ((ends[0] * ONE_FIXED) as i64, (slope * ONE_FIXED) as i64);
+        let (shorter, reach, step_px) = (shorter as f32, reach as f32, (self.cell_px / cosine) as f32);
+        let mut from = (first_step - middle - major) as f32;
+        let (covered_px, touched) = (&mut self.covered_px[..], &mut self.touched[..]);
+        let mut count = self.count;
+        let mut cover = |cell: usize, length_px: f32| {
+            let covered_px = &mut covered_px[cell];
+            // without a branch: whether bands cross here cannot be foreseen
+            touched[count] = cell as u32;
+            count += usize::from(covered_px[0].to_bits() | covered_px[1].to_bits() == 0);
+            covered_px[segment.level] += length_px;
+        };
         for step in first_step as usize..=last_step as usize {
-            let from = step as f64 - middle - major;
-            let distance = from.abs() / cosine * self.cell_px;
-            let overlap = shorter.min(reach - distance) as f32;
-            // to the nearest: a cast cuts off
-            let place = minor + from * slope + middle + 0.5;
-            if place < 1.0 || place >= last {
-                continue;
+            let overlap = shorter.min(reach - from.abs() * step_px);
+            let nearest = (place >> 32) as usize;
+            from += 1.0;
+            place += slope;
+            if (1..last).contains(&nearest) {
+                let cell = step * step_stride + nearest * stride;
+                cover(cell - stride, BESIDE * overlap);
+                cover(cell, overlap);
+                cover(cell + stride, BESIDE * overlap);
             }
-            let cell = step * step_stride + place as usize * stride;
-            self.cover(cell - stride, level, BESIDE * overlap);
-            self.cover(cell, level, overlap);
-            self.cover(cell + stride, level, BESIDE * overlap);
         }
-    }
-
-    fn cover(&mut self, cell: usize, level: usize, length_px: f32) {
-        let covered_px = &mut self.covered_px[cell];
-        if *covered_px == [0.0; 2] {
-            self.touched.push(cell as u32);
-        }
-        covered_px[level] += length_px;
+        self.count = count;
     }
 
     /// Adds what the covered share of the edge says of each shift to the touched cells of a map, and forgets it.
     /// Returns what is due to *all* cells: the touched ones were given only what they have beyond that.
     fn move_to(&mut self, values: &mut [f32], edge_length_px: f64) -> f32 {
         let to_step = COVERAGE_STEPS as f32 / edge_length_px as f32;
-        let step = |[coarse, fine]: [f32; 2]| ((coarse.max(fine) * to_step) as usize).min(COVERAGE_STEPS - 1);
+        let touched = &self.touched[..self.count];
         let mut counts = [1_usize; COVERAGE_STEPS];
-        counts[0] += values.len() - self.touched.len();
-        for cell in &self.touched {
-            counts[step(self.covered_px[*cell as usize])] += 1;
-        }
+        counts[0] += values.len() - touched.len();
+        self.steps.clear();
+        self.steps.extend(touched.iter().map(|cell| {
+            let [fine, coarse] = std::mem::take(&mut self.covered_px[*cell as usize]);
+            let step = ((fine.max(coarse) * to_step) as usize).min(COVERAGE_STEPS - 1);
+            counts[step] += 1;
+            step as u8
+        }));
         let total: usize = counts.iter().sum();
         let seen = 1.0 / (COVERAGE_STEPS - LEAST_SEEN_STEPS) as f64;
         let ratio = std::array::from_fn::<f32, COVERAGE_STEPS, _>(|k| {
@@ -181,10 +207,10 @@ impl Votes {
             let if_seen = if k < LEAST_SEEN_STEPS { 0.0 } else { seen };
             ((1.0 - SHARE_SEEN + SHARE_SEEN * if_seen / by_chance).ln() as f32).min(MOST_LOG_LIKELIHOOD)
         });
-        for cell in self.touched.drain(..) {
-            let covered_px = std::mem::take(&mut self.covered_px[cell as usize]);
-            values[cell as usize] += ratio[step(covered_px)] - ratio[0];
+        for (cell, step) in touched.iter().zip(&self.steps) {
+            values[*cell as usize] += ratio[usize::from(*step) % COVERAGE_STEPS] - ratio[0];
         }
+        self.count = 0;
         ratio[0]
     }
 }
@@ -225,18 +251,10 @@ impl ShiftMap {
     /// to the cell.
     fn smoothed(&self) -> Vec<f32> {
         let n = self.size;
-        let mut rows = self.values.clone();
-        for (source, target) in self.values.chunks_exact(n).zip(rows.chunks_exact_mut(n)) {
-            for (out, near) in target[1..n - 1].iter_mut().zip(source.windows(3)) {
-                *out = 0.25 * (near[0] + near[2]) + 0.5 * near[1];
-            }
-        }
-        let mut result = rows.clone();
-        for row in 1..n - 1 {
-            for column in 0..n {
-                let at = |r: usize| rows[r * n + column];
-                result[row * n + column] = 0.25 * (at(row - 1) + at(row + 1)) + 0.5 * at(row);
-            }
+        let grid = Grid { values: &self.values, width: n, height: n };
+        let (mut result, mut buffer) = (vec![0.0; n * n], vec![0.0; n]);
+        for (row, smooth) in result.chunks_exact_mut(n).enumerate() {
+            grid.smooth_row(row, &mut buffer, smooth);
         }
         result
     }

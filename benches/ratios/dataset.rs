@@ -12,7 +12,6 @@ use serde_json::Value;
 
 /// One of the datasets.
 pub struct Dataset {
-    pub name: String,
     pub camera: Camera,
     pub images: Vec<Image>,
     pub tolerance_gsd: f64,
@@ -71,8 +70,7 @@ impl Dataset {
             });
         }
         let frame = topocentric(data["frame"].as_str().context("frame")?)?;
-        let name = data["name"].as_str().context("name")?.to_owned();
-        Ok(Self { name, camera, images, tolerance_gsd, ground_height_m: number(&data["ground_height_m"])?, frame })
+        Ok(Self { camera, images, tolerance_gsd, ground_height_m: number(&data["ground_height_m"])?, frame })
     }
 
     /// D_max of the paper in ground sample distances: the largest planimetric distance on the ground between the rays
