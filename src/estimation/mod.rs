@@ -9,4 +9,4 @@ pub(crate) mod simulated;
 
 pub use consensus::{Consensus, Guarantee, Survey, largest_consistent, quadruples};
 pub use normal::{NormalEquations, Prior};
-pub use resection::{PointObservation, Resection, foretold_squares, resect};
+pub use resection::{PointObservation, Resection, resect};

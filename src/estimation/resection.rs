@@ -70,19 +70,6 @@ pub fn resect(
     None
 }
 
-/// The sum of squares that [`resect`] will reach, as its first step foretells: without curvature it would be that. For
-/// telling at a fraction of the cost what is hopeless.
-#[must_use]
-pub fn foretold_squares(
-    points: &[PointObservation],
-    prior: Option<&Prior>,
-    start: &ExteriorOrientation,
-    principal_distance_px: f64,
-) -> Option<f64> {
-    let equations = equations(points, prior, start, principal_distance_px)?;
-    Some(equations.squares - equations.solve()?.dot(&equations.right_side))
-}
-
 /// The normal equations of all points at an orientation; `None` if one lies behind the camera.
 pub(crate) fn equations(
     points: &[PointObservation],

@@ -1,6 +1,6 @@
 //! Orientations from candidates: out of pairs, grown control point by control point, refined round by round.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Matrix2x6, Vector2};
 use rayon::prelude::*;
 
 use super::ControlPoint;
@@ -10,7 +10,7 @@ use super::locate::{Clustering, Peak, shift_map};
 use super::predict::{Prediction, edges_on_frame_px, on_frame};
 use super::search::{Candidate, Hypothesis, Search, WIDE, reach, square};
 use super::views::{Narrowed, REACH_SIGMAS, narrowed};
-use crate::estimation::{PointObservation, Prior, Resection, foretold_squares, resect};
+use crate::estimation::{PointObservation, Prior, Resection, resect};
 use crate::features::PictureError;
 use crate::geometry::{ExteriorOrientation, Segment2};
 
@@ -19,9 +19,6 @@ const PAIRED: usize = 260;
 /// Sum of squares of a pair with the prior beyond which they do not belong together: of the four redundant observations
 /// two may show all of the tilt that is believed, the others are within 99.99 %.
 const PAIR_GATE: f64 = 18.4 + REACH_SIGMAS * REACH_SIGMAS;
-/// A pair whose sum of squares exceeds the gate by this factor after one linear step will not come below it: what
-/// curvature adds over a step of a few degrees is less than the gate itself.
-const HOPELESS: f64 = 4.0;
 /// The best pairs, to which further control points are joined.
 const GROWN: usize = 300;
 const PEAKS_OF_A_WINDOW: usize = 10;
@@ -44,39 +41,84 @@ struct Pair {
     start: ExteriorOrientation,
 }
 
+/// The orientation with one candidate and the prior: where all other control points are, if this one is there.
+struct Anchor {
+    seed: Seed,
+    prediction: Prediction,
+    squares: f64,
+}
+
+/// A control point as an anchor predicts it.
+struct Expected {
+    image_px: Vector2<f64>,
+    jacobian: Matrix2x6<f64>,
+    weight: Matrix2<f64>,
+}
+
 impl Search<'_> {
     /// Orientations from pairs of candidates, best first, and how many pairs agree with the approximation.
-    pub(super) fn paired(&self, candidates: &[Vec<Candidate>], go_on: &dyn Fn() -> bool) -> (Vec<Hypothesis>, usize) {
+    pub(super) fn paired(&self, candidates: &[Vec<Candidate>]) -> (Vec<Hypothesis>, usize) {
         let mut strongest: Vec<(Seed, &ExteriorOrientation)> = Vec::new();
         for (control_point, of_one) in candidates.iter().enumerate() {
             strongest.extend(of_one.iter().map(|c| (Seed { control_point, peak: c.peak }, &c.view)));
         }
         strongest.sort_by(|a, b| b.0.peak.log_likelihood.total_cmp(&a.0.peak.log_likelihood));
         strongest.truncate(PAIRED);
-        let priors: Vec<Option<Prior>> = strongest.iter().map(|(_, view)| self.approximation.prior(view)).collect();
         let peaks: Vec<Vec<Peak>> = candidates.iter().map(|c| c.iter().map(|c| c.peak).collect()).collect();
-        let mut pairs = Vec::new();
-        for (k, (second, _)) in strongest.iter().enumerate().take_while(|_| go_on()) {
-            for ((first, view), prior) in strongest[..k].iter().zip(&priors) {
-                if let (Some(prior), true) = (prior, first.control_point != second.control_point) {
-                    pairs.extend(self.pair([*first, *second], view, prior, &peaks));
-                }
-            }
-        }
+        // each with all that are weaker
+        let anchored = strongest.par_iter().enumerate().flat_map_iter(|(k, (seed, view))| {
+            let weaker = strongest[k + 1..].iter().map(|(weaker, _)| weaker);
+            self.anchor(*seed, view).map_or(Vec::new(), |anchor| self.pairs(&anchor, weaker, &peaks))
+        });
+        let mut pairs: Vec<Pair> = anchored.collect();
         pairs.sort_by(|a: &Pair, b| b.rating.total_cmp(&a.rating));
-        let best = pairs.iter().take(GROWN).take_while(|_| go_on());
-        let mut hypotheses: Vec<Hypothesis> =
-            best.filter_map(|pair| self.grown(&pair.seeds, &pair.start, &peaks, WIDE)).collect();
+        let count = pairs.len();
+        pairs.truncate(GROWN);
+        let grown = pairs.par_iter().map(|pair| self.grown(&pair.seeds, &pair.start, &peaks, WIDE));
+        let mut hypotheses: Vec<Hypothesis> = grown.collect::<Vec<_>>().into_iter().flatten().collect();
         hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
-        (hypotheses, pairs.len())
+        (hypotheses, count)
     }
 
-    fn pair(&self, seeds: [Seed; 2], view: &ExteriorOrientation, prior: &Prior, peaks: &[Vec<Peak>]) -> Option<Pair> {
-        let (points, c) = (self.points(&seeds, view, WIDE), self.camera.principal_distance_px);
-        foretold_squares(&points, Some(prior), view, c).filter(|squares| *squares < HOPELESS * PAIR_GATE)?;
-        let fit = resect(&points, Some(prior), view, c).filter(|fit| fit.squares < PAIR_GATE)?;
+    fn anchor(&self, seed: Seed, view: &ExteriorOrientation) -> Option<Anchor> {
+        let Narrowed { approximation, .. } = narrowed(self.approximation, view, self.typical_height_m());
+        let fit = self.fit(&[seed], &approximation.prior(view)?, view, WIDE)?;
         let prediction = Prediction { orientation: fit.orientation, covariance: fit.covariance };
-        Some(Pair { rating: self.rating(&prediction, peaks) - fit.squares / 2.0, seeds, start: fit.orientation })
+        Some(Anchor { seed, prediction, squares: fit.squares })
+    }
+
+    /// The pairs of a candidate with others that lie where it predicts them. The second one enters by one step of
+    /// sequential adjustment: so near, predicting is linear.
+    fn pairs<'s>(&self, anchor: &Anchor, others: impl Iterator<Item = &'s Seed>, peaks: &[Vec<Peak>]) -> Vec<Pair> {
+        let expected: Vec<Option<Expected>> = (0..peaks.len()).map(|k| self.expected(anchor, k)).collect();
+        let others = others.filter(|other| other.control_point != anchor.seed.control_point);
+        let pair = |other: &Seed| {
+            let Expected { image_px, jacobian, weight } = expected[other.control_point].as_ref()?;
+            let away = other.peak.at_px - image_px;
+            let squares = anchor.squares + away.dot(&(weight * away));
+            if squares > PAIR_GATE {
+                return None;
+            }
+            let covariance = &anchor.prediction.covariance;
+            let gain = covariance * jacobian.transpose() * weight;
+            let prediction = Prediction {
+                orientation: anchor.prediction.orientation.moved(&(gain * away)),
+                covariance: covariance - gain * jacobian * covariance,
+            };
+            let rating = self.rating(&prediction, peaks) - squares / 2.0;
+            Some(Pair { rating, seeds: [anchor.seed, *other], start: prediction.orientation })
+        };
+        others.filter_map(pair).collect()
+    }
+
+    fn expected(&self, anchor: &Anchor, control_point: usize) -> Option<Expected> {
+        let Prediction { orientation, covariance } = &anchor.prediction;
+        let reference_m = self.control[control_point].reference_m;
+        let (image_px, jacobian) =
+            orientation.reduced_px_with_jacobian(self.camera.principal_distance_px, reference_m)?;
+        let observed = self.observation(control_point, image_px, WIDE.sigma_px, orientation);
+        let open = jacobian * covariance * jacobian.transpose() + Matrix2::identity() * observed.sigma_px.powi(2);
+        Some(Expected { image_px, jacobian, weight: open.try_inverse()? })
     }
 
     fn fit(&self, seeds: &[Seed], prior: &Prior, start: &ExteriorOrientation, scale: Scale) -> Option<Resection> {

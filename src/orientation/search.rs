@@ -118,7 +118,7 @@ impl Search<'_> {
             if !self.locate_wide(&windows, extraction, &mut candidates, &go_on)? {
                 return Ok(Found { hypotheses: Vec::new(), report });
             }
-            let (paired, pairs) = self.paired(&candidates, &|| go_on(SHARE_OF_WINDOWS));
+            let (paired, pairs) = self.paired(&candidates);
             report.pairs += pairs;
             let mut starts = self.distinct(paired);
             starts.truncate(REFINED);
