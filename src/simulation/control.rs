@@ -229,7 +229,9 @@ mod tests {
                 let truth = town.buildings[point.building].roof_edges_m();
                 shifts.extend(point.shift_m.iter().copied());
                 own.extend(point.edge_shifts_m.iter().copied());
-                for ((edge, true_edge), own_m) in point.control_point.edges_m.iter().zip(&truth).zip(&point.edge_shifts_m) {
+                for ((edge, true_edge), own_m) in
+                    point.control_point.edges_m.iter().zip(&truth).zip(&point.edge_shifts_m)
+                {
                     let along = (true_edge.end - true_edge.start).xy().normalize();
                     let off = edge.midpoint() - true_edge.midpoint() - point.shift_m;
                     assert!((along.perp(&off.xy()) - own_m).abs() < 1e-9 && along.dot(&off.xy()).abs() < 1e-9);
@@ -244,12 +246,15 @@ mod tests {
 
     #[test]
     fn the_share_of_missing_edges_and_of_missing_houses_is_what_was_asked() {
-        let settings = ControlSettings { share: 1.0, share_gone: 0.2, share_missing: 0.25, ..ControlSettings::default() };
+        let settings =
+            ControlSettings { share: 1.0, share_gone: 0.2, share_missing: 0.25, ..ControlSettings::default() };
         let all: Vec<_> = (1..=8).flat_map(|seed| surveyed(seed, &settings).1).collect();
         let gone = all.iter().filter(|point| point.fault == Some(Fault::Gone)).count() as f64 / all.len() as f64;
         assert!((gone - 0.2).abs() < 0.08, "{gone} of {}", all.len());
-        let whole: Vec<_> = (1..=8).flat_map(|seed| surveyed(seed, &ControlSettings { share_missing: 0.0, ..settings }).1).collect();
-        let edges = |points: &[SimulatedControlPoint]| -> usize { points.iter().map(|p| p.control_point.edges_m.len()).sum() };
+        let whole: Vec<_> =
+            (1..=8).flat_map(|seed| surveyed(seed, &ControlSettings { share_missing: 0.0, ..settings }).1).collect();
+        let edges =
+            |points: &[SimulatedControlPoint]| -> usize { points.iter().map(|p| p.control_point.edges_m.len()).sum() };
         let kept = edges(&all) as f64 / edges(&whole) as f64;
         // those that would fall below three edges keep some more
         assert!((0.74..0.80).contains(&kept), "{kept}");

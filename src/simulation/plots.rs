@@ -55,7 +55,13 @@ impl Site<'_> {
                 let frame = PlanFrame { origin_m: middle.origin_m, along: middle.along * side };
                 let front_m = street.half_width_m();
                 self.lay_out(
-                    &Plot { frame, half_front_m, front_m, back_m: front_m + draws.between(25.0, 32.0), pattern: pattern.clone() },
+                    &Plot {
+                        frame,
+                        half_front_m,
+                        front_m,
+                        back_m: front_m + draws.between(25.0, 32.0),
+                        pattern: pattern.clone(),
+                    },
                     draws,
                 );
             }

@@ -56,8 +56,8 @@ struct Distributions {
 }
 
 const GOOD: Distributions = Distributions {
-    control: [0.15, 0.5],
-    aim_spread_m: [20.0, 60.0],
+    control: [0.1, 0.35],
+    aim_spread_m: [20.0, 100.0],
     outdated: [0.03, 0.15],
     gone: [0.0, 0.06],
     missing_edges: [0.0, 0.3],
@@ -70,13 +70,13 @@ const GOOD: Distributions = Distributions {
     trees: [0.7, 1.8],
     winter: 0.3,
     share_alike: [0.1, 0.4],
-    sigma_tilt_deg: [2.0, 3.0],
+    sigma_tilt_deg: [1.5, 2.5],
     wild: 0.02,
 };
 
 const POOR: Distributions = Distributions {
-    control: [0.05, 0.25],
-    aim_spread_m: [40.0, 110.0],
+    control: [0.04, 0.2],
+    aim_spread_m: [50.0, 160.0],
     outdated: [0.15, 0.35],
     gone: [0.03, 0.12],
     missing_edges: [0.1, 0.5],
@@ -89,7 +89,7 @@ const POOR: Distributions = Distributions {
     trees: [1.2, 3.0],
     winter: 0.4,
     share_alike: [0.3, 0.8],
-    sigma_tilt_deg: [2.0, 4.0],
+    sigma_tilt_deg: [1.5, 3.0],
     wild: 0.05,
 };
 
@@ -154,6 +154,7 @@ impl Mixture {
         let foliage = if within([0.0, 1.0]) < d.winter { LEAVES_IN_WINTER } else { 1.0 };
         let town = TownSettings {
             half_length_m: HALF_LENGTH_M,
+            street_rows: STREET_ROWS,
             sun_elevation_deg: d.sun_elevation_deg,
             trees,
             foliage,
@@ -170,5 +171,8 @@ const SIGMA_CORNER_PX: f64 = 0.5;
 const GREATEST_TILT_DEG: f64 = 6.0;
 /// Branches, conifers, ivy.
 const LEAVES_IN_WINTER: f64 = 0.3;
-/// The town reaches somewhat beyond the frame of 290 to 350 m on most sides.
-const HALF_LENGTH_M: f64 = 170.0;
+/// The town is larger than the frame of 290 to 350 m: images that look at its middle have control in all corners, as a
+/// survey department sets it up, the others on one side.
+const HALF_LENGTH_M: f64 = 210.0;
+/// 78 m apart.
+const STREET_ROWS: u32 = 5;

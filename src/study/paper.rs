@@ -150,12 +150,8 @@ fn located(
     let middle = camera.pixel_from_reduced(predicted);
     let half = Vector2::repeat(half_width_px + reach_px);
     extraction.cover(middle - half, middle + half)?;
-    let clustering = Clustering {
-        half_width_px,
-        cell_px: CELL_PX,
-        direction_tolerance_rad: DIRECTION_TOLERANCE_RAD,
-        fine: true,
-    };
+    let clustering =
+        Clustering { half_width_px, cell_px: CELL_PX, direction_tolerance_rad: DIRECTION_TOLERANCE_RAD, fine: true };
     let peaks = shift_map(&edges, predicted, extraction.segments(), &clustering).peaks(1);
     Ok(peaks.first().map(|peak| Located {
         name: control_point.name.clone(),

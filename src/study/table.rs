@@ -137,18 +137,27 @@ fn measures(text: &mut String, rows: &[Row]) {
     line("located rightly, of those in view", with_percent(sum(|row| row.located_right), in_view));
     line("right, of those that took part", with_percent(sum(|row| row.used_right), sum(|row| row.used)));
     let paper_located = sum(|row| row.paper_located);
-    line("right, of those that the paper's method locates", with_percent(sum(|row| row.paper_located_right), paper_located));
+    line(
+        "right, of those that the paper's method locates",
+        with_percent(sum(|row| row.paper_located_right), paper_located),
+    );
     line("mean squared Mahalanobis distance of the right ones (6 expected)", format!("{:.2}", mean(&distances)));
     line("median of the same (5.35 expected)", format!("{:.2}", median(distances)));
     line("median of D_max over the largest predicted sigma, right ones", format!("{:.2}", median(ratios)));
-    line("predicted planimetric sigma of the right ones, root mean square", format!("{:.3} m", root_mean_square(&sigmas)));
+    line(
+        "predicted planimetric sigma of the right ones, root mean square",
+        format!("{:.3} m", root_mean_square(&sigmas)),
+    );
     line("true planimetric error of the right ones, root mean square", format!("{:.3} m", root_mean_square(&errors)));
     line("median D_max of the right ones", format!("{:.2} GSD", median(of_right(|row| row.d_max_gsd))));
     let [render, pipeline, paper] = seconds;
-    line("processor time of an image", format!(
-        "{:.3} s: rendering {render:.3} s, pipeline {pipeline:.3} s, the paper's method {paper:.3} s",
-        render + pipeline + paper
-    ));
+    line(
+        "processor time of an image",
+        format!(
+            "{:.3} s: rendering {render:.3} s, pipeline {pipeline:.3} s, the paper's method {paper:.3} s",
+            render + pipeline + paper
+        ),
+    );
 }
 
 fn with_percent(count: usize, of: usize) -> String {
