@@ -348,3 +348,96 @@ fn quantile(values: &[f64], share: f64) -> f64 {
 fn quartile_sigma(values: &[f64]) -> f64 {
     (quantile(values, 0.75) - quantile(values, 0.25)) / 1.349
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Segment3;
+    use crate::simulation::{ControlSettings, PhotographSettings, Scene, SceneSettings, TownSettings};
+    use nalgebra::Vector3;
+
+    /// A summer's noon over sound control, measured without error.
+    fn clean(blur_sigma_px: f64) -> Scene {
+        let mut settings = SceneSettings {
+            control: ControlSettings { share: 1.0, sigma_m: 0.0, share_outdated: 0.0, ..ControlSettings::default() },
+            photograph: PhotographSettings { blur_sigma_px, noise_grey: 1.0, ..PhotographSettings::default() },
+            town: TownSettings { sun_elevation_deg: [54.0, 55.0], trees: 0.3, ..TownSettings::default() },
+            ..SceneSettings::default()
+        };
+        settings.camera.image_size_px = [1200, 900];
+        settings.camera.principal_distance_px = 1040.0;
+        settings.camera.principal_point_px = [600.0, 450.0];
+        settings.flight.height_m = 0.16 * 1040.0;
+        Scene::draw(6, &settings).unwrap()
+    }
+
+    fn measured(scene: &Scene, control: &[ControlPoint]) -> Likeness {
+        measure(&Known {
+            picture: &scene.picture(),
+            camera: &scene.camera,
+            truth: scene.true_orientation,
+            approximate: scene.approximation.orientation,
+            control,
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn known_shifts_come_back() {
+        let (scene, by_m) = (clean(1.0), Vector3::new(0.35, -0.25, 0.0));
+        let moved = |point: &ControlPoint| ControlPoint {
+            reference_m: point.reference_m + by_m,
+            edges_m: point.edges_m.iter().map(|e| Segment3 { start: e.start + by_m, end: e.end + by_m }).collect(),
+            ..point.clone()
+        };
+        let control: Vec<ControlPoint> = scene.control_points().iter().map(moved).collect();
+        let likeness = measured(&scene, &control);
+        // the image is where the model was before
+        let (c, centre) = (scene.camera.principal_distance_px, scene.town.terrain.point_m(scene.town.centre_m));
+        let pixel = |point| scene.true_orientation.reduced_px(c, point).unwrap();
+        let expected = pixel(centre) - pixel(centre + by_m);
+        assert!(likeness.shifts_px.len() >= 10, "{}", likeness.shifts_px.len());
+        let median = |axis: usize| median(&likeness.shifts_px.iter().map(|s| s[axis]).collect::<Vec<f64>>());
+        assert!((median(0) - expected.x).abs() < 0.15 && (median(1) - expected.y).abs() < 0.15, "{expected}");
+        assert!(quartile_sigma(&likeness.edge_offsets_px) < 0.3);
+    }
+
+    #[test]
+    fn edges_are_seen_where_they_are_and_seldom_beside() {
+        let scene = clean(1.0);
+        let likeness = measured(&scene, &scene.control_points());
+        let share = |count: f64| count / likeness.edges as f64;
+        assert!(share(likeness.seen as f64) > 0.6, "{}", share(likeness.seen as f64));
+        assert!(share(likeness.seen_by_chance) < 0.15, "{}", share(likeness.seen_by_chance));
+        let in_view = scene.in_view().count();
+        assert_eq!((likeness.in_view.as_slice(), likeness.prediction_px.len()), ([in_view as f64].as_slice(), in_view));
+    }
+
+    #[test]
+    fn blur_is_that_of_the_lens_and_of_sampling() {
+        for lens_px in [1.2, 2.0] {
+            let scene = clean(lens_px);
+            let likeness = measured(&scene, &scene.control_points());
+            assert!(likeness.blur_cells.len() >= 20, "{}", likeness.blur_cells.len());
+            // the pixel's own square, the interpolation between pixels, and the step of the profile
+            let sampling = 1.0 / 12.0 + 1.0 / 6.0 + 1.0 / 12.0 / f64::from(PROFILE_STEPS).powi(2);
+            let expected = f64::from(scene.settings.photograph.blur_sigma_px.powi(2) + sampling).sqrt();
+            let found = median(&likeness.blur_cells);
+            assert!((found / expected - 1.0).abs() < 0.15, "{found} for {expected}");
+        }
+    }
+
+    #[test]
+    fn the_lobe_of_a_blurred_step_has_its_sigma() {
+        let sigma_cells = 1.6;
+        let reach = PROFILE_CELLS * PROFILE_STEPS;
+        // a step of 100 grey values with a normal derivative, summed up
+        let slope = |k: i32| (-0.5 * (f64::from(k) / f64::from(PROFILE_STEPS) / sigma_cells).powi(2)).exp();
+        let total: f64 = (-200..200).map(slope).sum();
+        let profile: Vec<f64> =
+            (-reach..=reach).map(|end| (-200..end).map(slope).sum::<f64>() * 100.0 / total).collect();
+        let found = lobe_sigma(&profile).unwrap();
+        assert!((found / sigma_cells - 1.0).abs() < 0.03, "{found}");
+        assert_eq!(lobe_sigma(&vec![50.0; profile.len()]), None);
+    }
+}

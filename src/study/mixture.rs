@@ -56,16 +56,16 @@ struct Distributions {
 }
 
 const GOOD: Distributions = Distributions {
-    control: [0.1, 0.35],
-    aim_spread_m: [20.0, 100.0],
+    control: [0.25, 0.55],
+    aim_spread_m: [10.0, 50.0],
     outdated: [0.03, 0.15],
     gone: [0.0, 0.06],
     missing_edges: [0.0, 0.3],
     shift_px: 1.3,
     edge_px: 0.7,
     blur_px: [1.0, 1.7],
-    noise_grey: [2.0, 6.0],
-    clearness: [0.5, 1.0],
+    noise_grey: [2.0, 5.0],
+    clearness: [0.6, 1.0],
     sun_elevation_deg: [22.0, 55.0],
     trees: [0.7, 1.8],
     winter: 0.3,
@@ -75,16 +75,16 @@ const GOOD: Distributions = Distributions {
 };
 
 const POOR: Distributions = Distributions {
-    control: [0.04, 0.2],
-    aim_spread_m: [50.0, 160.0],
+    control: [0.06, 0.25],
+    aim_spread_m: [30.0, 120.0],
     outdated: [0.15, 0.35],
     gone: [0.03, 0.12],
     missing_edges: [0.1, 0.5],
     shift_px: 1.5,
     edge_px: 0.9,
-    blur_px: [1.5, 2.6],
-    noise_grey: [4.0, 10.0],
-    clearness: [0.2, 0.6],
+    blur_px: [1.4, 2.2],
+    noise_grey: [3.0, 7.0],
+    clearness: [0.35, 0.75],
     sun_elevation_deg: [12.0, 35.0],
     trees: [1.2, 3.0],
     winter: 0.4,
@@ -176,3 +176,79 @@ const LEAVES_IN_WINTER: f64 = 0.3;
 const HALF_LENGTH_M: f64 = 210.0;
 /// 78 m apart.
 const STREET_ROWS: u32 = 5;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulation::Scene;
+
+    /// Least, mean and largest of a value over many seeds.
+    fn drawn(mixture: Mixture, value: impl Fn(&SceneSettings) -> f64) -> [f64; 3] {
+        let values: Vec<f64> = (0..4000).map(|seed| value(&mixture.settings(seed))).collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        [values.iter().copied().fold(f64::MAX, f64::min), mean, values.iter().copied().fold(f64::MIN, f64::max)]
+    }
+
+    /// A mean of 4000 even deviates is off by 0.0046 of their range, and the ends are nearly reached.
+    fn assert_even(drawn: [f64; 3], [low, high]: [f64; 2]) {
+        let (range, [least, mean, largest]) = (high - low, drawn);
+        assert!(least >= low && least < low + 0.01 * range, "{drawn:?} of {low} to {high}");
+        assert!(largest <= high && largest > high - 0.01 * range, "{drawn:?} of {low} to {high}");
+        assert!((mean - (low + high) / 2.0).abs() < 0.02 * range, "{drawn:?} of {low} to {high}");
+    }
+
+    #[test]
+    fn settings_are_drawn_evenly_from_the_stated_ranges() {
+        for mixture in [Mixture::Good, Mixture::Poor] {
+            let d = mixture.distributions();
+            assert_even(drawn(mixture, |s| s.control.share), d.control);
+            assert_even(drawn(mixture, |s| s.control.share_outdated), d.outdated);
+            assert_even(drawn(mixture, |s| s.control.share_gone), d.gone);
+            assert_even(drawn(mixture, |s| s.control.share_missing), d.missing_edges);
+            assert_even(drawn(mixture, |s| s.flight.aim_spread_m), d.aim_spread_m);
+            assert_even(drawn(mixture, |s| s.flight.sigma_tilt_deg), d.sigma_tilt_deg);
+            assert_even(drawn(mixture, |s| s.photograph.blur_sigma_px), d.blur_px);
+            assert_even(drawn(mixture, |s| s.photograph.noise_grey), d.noise_grey);
+            assert_even(drawn(mixture, |s| s.photograph.clearness), d.clearness);
+            assert_even(drawn(mixture, |s| s.town.trees), d.trees);
+            assert_even(drawn(mixture, |s| s.town.share_alike), d.share_alike);
+            assert_even(drawn(mixture, |s| s.flight.height_m / s.camera.principal_distance_px), GSD_M);
+            let [_, winters, _] = drawn(mixture, |s| f64::from(s.town.foliage < 1.0));
+            assert!((winters - d.winter).abs() < 4.0 * (0.25_f64 / 4000.0).sqrt(), "{winters}");
+        }
+    }
+
+    #[test]
+    fn draws_do_not_depend_on_one_another() {
+        let pairs = (0..4000).map(|seed| Mixture::Good.settings(seed));
+        let centred = |value: f64, [low, high]: [f64; 2]| (value - (low + high) / 2.0) / (high - low);
+        let product = |s: SceneSettings| {
+            centred(s.photograph.blur_sigma_px, GOOD.blur_px) * centred(s.control.share, GOOD.control)
+        };
+        // the product of two even deviates of range 1 has standard deviation 1/12
+        let mean = pairs.map(product).sum::<f64>() / 4000.0;
+        assert!(mean.abs() < 4.0 / 12.0 / 4000_f64.sqrt(), "{mean}");
+    }
+
+    #[test]
+    fn errors_of_control_are_the_stated_pixels() {
+        let settings = Mixture::Good.settings(3);
+        let gsd_m = settings.flight.height_m / settings.camera.principal_distance_px;
+        assert!((settings.control.sigma_shift_m / gsd_m - GOOD.shift_px).abs() < 1e-12);
+        assert!((settings.control.sigma_edge_m / gsd_m - GOOD.edge_px).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_good_image_has_enough_control_and_a_poor_one_less() {
+        let in_view = |mixture: Mixture| {
+            let counts = (1..=30).map(|seed| Scene::draw(seed, &mixture.settings(seed)).unwrap().in_view().count());
+            let mut counts: Vec<usize> = counts.collect();
+            counts.sort_unstable();
+            counts
+        };
+        let (good, poor) = (in_view(Mixture::Good), in_view(Mixture::Poor));
+        assert!(good[3] >= 8, "{good:?}");
+        assert!(poor[15] < good[15], "{poor:?}");
+        assert!(poor[27] >= 8, "{poor:?}");
+    }
+}

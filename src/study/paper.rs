@@ -53,8 +53,8 @@ const CELL_PX: f64 = 3.0;
 const DIRECTION_TOLERANCE_RAD: f64 = 7.0 * std::f64::consts::PI / 180.0;
 /// Standard deviation of a located point: half a cell.
 const SIGMA_PX: f64 = 1.5;
-/// Version A tries all quadruples of so many points: 1365 of 15, as in the paper's images with their dozen.
-const MOST_POINTS: usize = 15;
+/// Version A tries all quadruples of so many points: 4845 of 20.
+const MOST_POINTS: usize = 20;
 /// t_e of the paper.
 const TOLERANCE_PX: f64 = 10.0;
 /// T_P: two or three times what was assumed.
@@ -181,4 +181,56 @@ fn reference(
 ) -> Option<nalgebra::Matrix6<f64>> {
     let height_m = points.iter().map(|p| p.object_m.z).sum::<f64>() / points.len() as f64;
     reference_covariance(camera, at, height_m, SIGMA_PX, Some(prior))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::d_max_m;
+    use crate::simulation::{Scene, SceneSettings};
+
+    fn found(scene: &Scene, control: &[ControlPoint]) -> Found {
+        orient(&scene.picture(), control, &scene.camera, &scene.approximation).unwrap()
+    }
+
+    #[test]
+    fn a_clear_village_is_oriented_by_its_best_places() {
+        let mut settings = SceneSettings::default();
+        settings.control.share = 0.7;
+        settings.flight.sigma_tilt_deg = 0.7;
+        settings.flight.sigma_kappa_deg = 1.0;
+        let scene = Scene::draw(7, &settings).unwrap();
+        let found = found(&scene, &scene.control_points());
+        let orientation = found.orientation.unwrap();
+        let error_m = d_max_m(&scene.camera, &orientation, &scene.true_orientation, scene.ground_height_m()).unwrap();
+        assert!(error_m < 10.0 * scene.ground_sample_distance_m(), "{error_m} m");
+        assert_eq!(found.points, MOST_POINTS);
+        assert!(found.points - found.eliminated >= LEAST_POINTS);
+    }
+
+    #[test]
+    fn without_control_there_is_nothing() {
+        let scene = Scene::draw(7, &SceneSettings::default()).unwrap();
+        let found = found(&scene, &[]);
+        assert_eq!((found.orientation, found.points, found.located.len()), (None, 0, 0));
+        assert!(!Found::nothing(Vec::new()).accepted());
+    }
+
+    #[test]
+    fn thresholds_accept_only_what_keeps_all_of_them() {
+        let scene = Scene::draw(7, &SceneSettings::default()).unwrap();
+        let good = Found {
+            orientation: Some(scene.true_orientation),
+            located: Vec::new(),
+            points: 9,
+            eliminated: 4,
+            sigma0: 2.9,
+            configuration: 9.9,
+        };
+        assert!(good.accepted());
+        assert!(!Found { sigma0: 3.1, ..good.clone() }.accepted());
+        assert!(!Found { configuration: 10.1, ..good.clone() }.accepted());
+        assert!(!Found { eliminated: 5, ..good.clone() }.accepted());
+        assert!(!Found { orientation: None, ..good }.accepted());
+    }
 }

@@ -83,3 +83,28 @@ fn grid(svg: &mut String, axis: &Axis) {
         middle = SIDE / 2.0
     );
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::row::tests::right_row;
+
+    #[test]
+    fn a_row_is_a_dot_of_its_colour_on_the_line_where_prediction_and_truth_agree() {
+        let row = Row { gsd_m: 0.2, sigma_planimetric_m: Some(2.0), error_there_m: Some(2.0), ..right_row(1) };
+        let without = Row { sigma_planimetric_m: None, ..right_row(2) };
+        let svg = plot(&[row, without]);
+        // ten pixels of ground: the middle of three of four decades from 0.1 to 1000
+        let middle = SIDE / 2.0;
+        assert_eq!(svg.matches("<circle").count(), 1);
+        let green = svg.split("<g id=\"green\"").nth(1).unwrap();
+        assert!(green.contains(&format!("cx=\"{middle:.1}\" cy=\"{middle:.1}\"")), "{green}");
+    }
+
+    #[test]
+    fn what_lies_beyond_the_axes_is_drawn_on_their_ends() {
+        let axis = Axis { low: 0.1, high: 1000.0 };
+        assert_eq!((axis.across(0.0), axis.across(1e9)), (MARGIN, SIDE - MARGIN));
+        assert_eq!((axis.up(0.0), axis.up(1e9)), (SIDE - MARGIN, MARGIN));
+    }
+}

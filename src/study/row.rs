@@ -277,3 +277,109 @@ fn mahalanobis_squared(estimate: &Estimate, scene: &Scene) -> Option<f64> {
     let solved = estimate.covariance.cholesky()?.solve(&step);
     Some(step.dot(&solved))
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::simulation::SceneSettings;
+    use nalgebra::{Matrix6, Vector6};
+
+    /// A row of an image that was oriented rightly by both methods and accepted.
+    pub(in crate::study) fn right_row(seed: u64) -> Row {
+        Row {
+            seed,
+            mixture: Mixture::Good,
+            gsd_m: 0.2,
+            blur_px: 1.0,
+            clearness: 1.0,
+            control_points_in_view: 10,
+            sound_in_view: 9,
+            fate: Fate::Right,
+            verdict: Light::Green,
+            score: 1.0,
+            probability_correct: 0.9,
+            points: Some(9),
+            eliminated: Some(1),
+            log_sigma0: Some(0.1),
+            log_configuration: Some(1.0),
+            sigma0: Some(1.0),
+            configuration: Some(2.0),
+            located: 9,
+            located_right: 8,
+            used: 8,
+            used_right: 8,
+            d_max_m: Some(0.4),
+            d_max_gsd: Some(2.0),
+            sigma_planimetric_m: Some(0.3),
+            error_there_m: Some(0.4),
+            sigma_of_nine_m: Some(0.2),
+            error_of_nine_m: Some(0.3),
+            mahalanobis_squared: Some(6.5),
+            paper_located: 10,
+            paper_located_right: 7,
+            paper_points: 10,
+            paper_eliminated: 3,
+            paper_sigma0: Some(1.2),
+            paper_configuration: Some(4.0),
+            paper_d_max_gsd: Some(3.0),
+            paper_accepted: true,
+            render_seconds: 0.5,
+            pipeline_seconds: 0.3,
+            paper_seconds: 0.1,
+        }
+    }
+
+    fn scene() -> Scene {
+        Scene::draw(2, &SceneSettings::default()).unwrap()
+    }
+
+    #[test]
+    fn mahalanobis_distance_of_a_step_of_known_sigmas() {
+        let scene = scene();
+        let sigmas = Vector6::new(0.1, 0.1, 0.2, 1e-3, 1e-3, 2e-3);
+        let step = sigmas.component_mul(&Vector6::new(1.0, -2.0, 0.5, 1.0, 0.0, -1.0));
+        let estimate = Estimate {
+            orientation: scene.true_orientation.moved(&step),
+            covariance: Matrix6::from_diagonal(&sigmas.map(|s| s * s)),
+            sigma0: 1.0,
+            redundancy: 10,
+            configuration: 1.0,
+        };
+        let squared = mahalanobis_squared(&estimate, &scene).unwrap();
+        assert!((squared - 7.25).abs() < 1e-3, "{squared}");
+    }
+
+    #[test]
+    fn errors_on_the_ground_are_those_of_the_rays() {
+        let scene = scene();
+        // a shift of the camera shifts all of the ground alike
+        let shifted = scene.true_orientation.moved(&Vector6::new(0.3, 0.4, 0.0, 0.0, 0.0, 0.0));
+        let covariance = Matrix6::identity() * 1e-4;
+        let predicted = crate::diagnosis::ground_precision(&scene.camera, &shifted, &covariance, 60.0);
+        let ground = Ground::of(&scene, &predicted).unwrap();
+        assert!((ground.error_there_m - 0.5).abs() < 1e-9 && (ground.error_of_all_m - 0.5).abs() < 1e-9);
+        let largest = predicted.iter().map(|p| p.sigma_planimetric_m).fold(0.0, f64::max);
+        assert_eq!(ground.largest_sigma_m, largest);
+        assert!(ground.sigma_of_all_m < largest);
+    }
+
+    #[test]
+    fn places_are_right_within_the_papers_tolerance() {
+        let scene = scene();
+        let point = &scene.in_view().next().unwrap().control_point;
+        let truly = scene.true_orientation.reduced_px(scene.camera.principal_distance_px, point.reference_m).unwrap();
+        assert!(located_rightly(&scene, &point.name, truly + Vector2::new(6.0, -7.0)));
+        assert!(!located_rightly(&scene, &point.name, truly + Vector2::new(8.0, -7.0)));
+        assert!(!located_rightly(&scene, "no such house", truly));
+    }
+
+    #[test]
+    fn an_image_is_lost_where_it_went_wrong() {
+        let places = |used, used_right| Places { located: used, located_right: used_right, used, used_right };
+        assert_eq!(fate(8, true, Some(9.9), &places(6, 1)), Fate::Right);
+        assert_eq!(fate(8, true, Some(10.1), &places(6, 4)), Fate::AdjustedWrong);
+        assert_eq!(fate(8, true, None, &places(6, 3)), Fate::WrongHypothesis);
+        assert_eq!(fate(8, false, None, &places(0, 0)), Fate::NothingLocated);
+        assert_eq!(fate(0, true, Some(50.0), &places(5, 0)), Fate::NoControlInView);
+    }
+}

@@ -176,3 +176,59 @@ fn median(mut values: Vec<f64>) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::row::tests::right_row;
+
+    fn wrong_row(seed: u64, fate: Fate) -> Row {
+        Row { fate, d_max_m: Some(10.0), d_max_gsd: Some(50.0), verdict: Light::Red, ..right_row(seed) }
+    }
+
+    #[test]
+    fn the_papers_tables_have_the_papers_costs() {
+        // (cc, cw, wc, ww) and E(C) of the paper's table 2 at T_d = 0 and 2, and of table 3
+        for (counts, cost) in [
+            ([173, 21, 0, 2], 4.39),
+            ([166, 5, 7, 18], 2.11),
+            ([233, 7, 0, 0], 1.17),
+            ([72, 35, 1, 16], 12.62),
+            ([1, 0, 66, 32], 6.56),
+        ] {
+            let [cc, cw, wc, ww] = counts;
+            assert!((Confusion { cc, cw, wc, ww }.cost() - cost).abs() < 0.011, "{counts:?}");
+        }
+        // table 1, in percent
+        assert!((Confusion { cc: 69, cw: 2, wc: 11, ww: 18 }.cost() - 3.15).abs() < 1e-9);
+        assert_eq!(Confusion::default().cost(), 0.0);
+    }
+
+    #[test]
+    fn decisions_are_counted_against_reality() {
+        let decisions = [(true, true), (true, false), (true, false), (false, true), (false, false)];
+        assert_eq!(Confusion::of(decisions.into_iter()), Confusion { cc: 1, cw: 2, wc: 1, ww: 1 });
+    }
+
+    #[test]
+    fn a_table_of_rows_made_by_hand() {
+        let mut rows: Vec<Row> = (0..6).map(right_row).collect();
+        rows[1].verdict = Light::Yellow;
+        rows[2].control_points_in_view = 3;
+        rows[2].sound_in_view = 3;
+        rows.push(wrong_row(6, Fate::WrongHypothesis));
+        rows.push(Row { verdict: Light::Green, ..wrong_row(7, Fate::AdjustedWrong) });
+        let table = table(Mixture::Good, &rows);
+        let has = |line: &str| assert!(table.contains(line), "{line}\n{table}");
+        has("# 8 images of the mixture `good`");
+        // one green and wrong: 40; one rejected though right: 5; one rejected and wrong: 10
+        has("| Gable, green | 5 (62.5 %) | 1 (12.5 %) | 1 (12.5 %) | 1 (12.5 %) | 6.88 |");
+        has("| yellow | 1 | 0 |");
+        has("| oriented rightly | 6 (75.0 %) | 5 (71.4 %) |");
+        has("| lost: wrong hypothesis | 1 (12.5 %) | 1 (14.3 %) |");
+        has("| mean squared Mahalanobis distance of the right ones (6 expected) | 6.50 |");
+        has("| of them out of date | 7 (9.6 %) |");
+        has("| true planimetric error of the right ones, root mean square | 0.300 m |");
+        assert!(super::table(Mixture::Poor, &[]).starts_with("# 0 images"));
+    }
+}
