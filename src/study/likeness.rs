@@ -419,9 +419,11 @@ mod tests {
             let scene = clean(lens_px);
             let likeness = measured(&scene, &scene.control_points());
             assert!(likeness.blur_cells.len() >= 20, "{}", likeness.blur_cells.len());
-            // the pixel's own square, the interpolation between pixels, and the step of the profile
+            // edges of fifty pixels are looked for in cells of two
+            let lens_cells = lens_px / 2.0;
+            // the cell's own square, the interpolation between cells, and the step of the profile
             let sampling = 1.0 / 12.0 + 1.0 / 6.0 + 1.0 / 12.0 / f64::from(PROFILE_STEPS).powi(2);
-            let expected = f64::from(scene.settings.photograph.blur_sigma_px.powi(2) + sampling).sqrt();
+            let expected = f64::from(lens_cells * lens_cells + sampling).sqrt();
             let found = median(&likeness.blur_cells);
             assert!((found / expected - 1.0).abs() < 0.15, "{found} for {expected}");
         }
