@@ -17,6 +17,8 @@ pub mod pipeline;
 
 pub mod simulation;
 
+pub mod study;
+
 pub mod imagery;
 
 pub mod control;

@@ -21,6 +21,7 @@ const ROOMS: &[Room] = &[
     Room("diagnosis", &["geometry", "estimation", "features", "orientation"]),
     Room("pipeline", &["geometry", "estimation", "features", "orientation", "diagnosis"]),
     Room("simulation", &["geometry", "features", "orientation", "pipeline"]),
+    Room("study", &["geometry", "estimation", "features", "orientation", "diagnosis", "pipeline", "simulation"]),
     Room("imagery", &["features"]),
     Room("control", &["geometry", "orientation", "pipeline"]),
     Room("store", &["geometry"]),

@@ -1,10 +1,15 @@
-//! `gable simulate`.
+//! `gable simulate`: scenes as files, or the study of thousands that are never written.
+
+mod likeness;
+mod rows;
+mod study;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::Args;
 use gable::simulation::{PHOTOGRAPH_FILE, Scene, SceneSettings};
+use gable::study::Mixture;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::orient::read_json;
@@ -22,46 +27,95 @@ Examples:
   gable simulate --settings high.json
       What the file leaves out is as in the demonstration. All settings of a scene are in its truth.json.
 
-In each folder, the same for the same seed and settings on every machine:
+  gable simulate --mixture good --images 17000 --out study-good
+      Orients 17000 images that are drawn from the mixture `good` and rendered only where they are read, on all cores.
+      Leaves rows.csv (a row an image), table.md and errors.svg in the folder. Stopped and called again, it goes on.
+
+  gable simulate --mixture poor --images 40 --likeness bench/boruszyn_wire
+      Measures what real photographs and those of the mixture have in common, side by side.
+
+  gable simulate --mixture poor --seed 17 --write
+      Writes the scene of the study's image 17, to look at.
+
+In each folder of a scene, the same for the same seed and settings on every machine:
   photograph.png           the picture
   camera.json              as for POST /cameras
   control_points.geojson   as for POST /control-points
   approximation.json       as in POST /orientations
   truth.json               the true orientation, and which control points are out of date";
 
-/// Write simulated scenes: photograph, control points, approximate and true orientation
+/// Write simulated scenes, or study how thousands of them are oriented
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Simulate {
     /// Seed of the first scene; the others have those that follow.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Scenes to write; each is one photograph of a town of its own.
+    /// Scenes to write or to study; each is one photograph of a town of its own.
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     images: u64,
-    /// Folder for the folders of the scenes.
-    #[arg(long, value_name = "FOLDER", default_value = "scenes")]
-    out: PathBuf,
+    /// Folder for the folders of the scenes, or for the study. [default: scenes, or study-MIXTURE]
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
     /// JSON file with what the scenes are drawn from, where it differs from the default.
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
+    /// Draw the scenes from this mixture, orient them, and count what came out instead of writing them.
+    #[arg(long, value_enum, conflicts_with = "settings")]
+    mixture: Option<MixtureName>,
+    /// Instead measure how like the mixture is to a dataset of real photographs.
+    #[arg(long, value_name = "FOLDER", requires = "mixture")]
+    likeness: Option<PathBuf>,
+    /// Instead write the scenes of the mixture.
+    #[arg(long, requires = "mixture", conflicts_with = "likeness")]
+    write: bool,
+}
+
+/// The mixtures of `gable::study`, for the command line.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum MixtureName {
+    /// Good images with enough control, not free of errors: the paper's area I.
+    Good,
+    /// Bad images with little and bad control: its area II.
+    Poor,
+}
+
+impl From<MixtureName> for Mixture {
+    fn from(name: MixtureName) -> Self {
+        match name {
+            MixtureName::Good => Self::Good,
+            MixtureName::Poor => Self::Poor,
+        }
+    }
 }
 
 impl Simulate {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
-        tokio::task::spawn_blocking(move || self.write()).await?
+        tokio::task::spawn_blocking(move || self.obey()).await?
     }
 
-    fn write(&self) -> anyhow::Result<()> {
-        let settings: SceneSettings = match &self.settings {
+    fn obey(&self) -> anyhow::Result<()> {
+        let seeds = self.seed..self.seed.saturating_add(self.images);
+        match (self.mixture.map(Mixture::from), &self.likeness) {
+            (Some(mixture), Some(dataset)) => likeness::compare(mixture, seeds, dataset),
+            (Some(mixture), None) if !self.write => {
+                let folder = self.out.clone().unwrap_or_else(|| format!("study-{}", mixture.name()).into());
+                study::study(mixture, seeds, &folder)
+            }
+            _ => self.write(seeds),
+        }
+    }
+
+    fn write(&self, seeds: std::ops::Range<u64>) -> anyhow::Result<()> {
+        let given: SceneSettings = match &self.settings {
             Some(file) => read_json(file)?,
             None => SceneSettings::default(),
         };
         let bar = bar(self.images);
-        for offset in 0..self.images {
-            let seed = self.seed.wrapping_add(offset);
+        for seed in seeds.clone() {
             bar.set_message(format!("seed {seed}"));
             let folder = self.folder(seed);
+            let settings = self.mixture.map_or(given, |name| Mixture::from(name).settings(seed));
             let scene = Scene::draw(seed, &settings)?;
             std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
             scene.write(&folder)?;
@@ -69,7 +123,7 @@ impl Simulate {
             let in_view = scene.in_view().count();
             let line = format!("{}: {in_view} of {} control points in view", folder.display(), scene.control.len());
             bar.suspend(|| print(&line))?;
-            if offset + 1 == self.images {
+            if seed + 1 == seeds.end {
                 bar.finish_and_clear();
                 print(&format!("\nOrient it with\n  {}", orient_command(&folder, &scene.crs())))?;
             }
@@ -78,7 +132,7 @@ impl Simulate {
     }
 
     fn folder(&self, seed: u64) -> PathBuf {
-        self.out.join(format!("seed-{seed}"))
+        self.out.as_deref().unwrap_or(Path::new("scenes")).join(format!("seed-{seed}"))
     }
 }
 

@@ -113,6 +113,12 @@ impl<'a> Extraction<'a> {
         TILE_CELLS * self.fine_reduction
     }
 
+    /// Pixels of the file along a side of a cell of the fine level.
+    #[must_use]
+    pub fn fine_reduction(&self) -> u32 {
+        self.fine_reduction
+    }
+
     /// All segments so far.
     #[must_use]
     pub fn segments(&self) -> &[ObservedSegment] {

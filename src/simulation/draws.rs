@@ -12,9 +12,14 @@ pub(crate) enum Purpose {
     Control = 2,
     Flight = 3,
     Approximation = 4,
+    ModelErrors = 5,
+    Foliage = 6,
+    Mixture = 7,
+    WildNavigation = 8,
 }
 
-/// A stream of draws.
+/// A stream of draws. A clone of it gives the same draws once more.
+#[derive(Clone)]
 pub(crate) struct Draws(ChaCha8Rng);
 
 impl Draws {

@@ -85,6 +85,15 @@ impl Scene {
             let fault = point.fault?;
             Some(json!({ "name": point.control_point.name, "fault": fault }))
         });
+        let shifts: Vec<Value> = self
+            .control
+            .iter()
+            .filter(|point| self.settings.control.sigma_shift_m > 0.0 || !point.edge_shifts_m.iter().all(|s| *s == 0.0))
+            .map(|point| {
+                let name = &point.control_point.name;
+                json!({ "name": name, "shift_m": position(point.shift_m), "edge_shifts_m": point.edge_shifts_m })
+            })
+            .collect();
         let in_view: Vec<&str> = self.in_view().map(|point| point.control_point.name.as_str()).collect();
         json!({
             "seed": self.seed,
@@ -99,6 +108,7 @@ impl Scene {
             "to_sun": position(self.town.to_sun),
             "control_points_in_view": in_view,
             "control_points_out_of_date": faulty.collect::<Vec<_>>(),
+            "control_points_shifted": shifts,
             "settings": self.settings,
         })
     }

@@ -25,7 +25,12 @@ pub struct FlightSettings {
     pub sigma_tilt_deg: f64,
     /// Standard deviation of the approximate kappa. Like the benchmark's `attitude`.
     pub sigma_kappa_deg: f64,
+    /// The share of the flights whose navigation errs [`WILD`] times as much as it states. None.
+    pub share_wild: f64,
 }
+
+/// By so much more the navigation errs where it errs wildly.
+pub const WILD: f64 = 3.0;
 
 impl Default for FlightSettings {
     fn default() -> Self {
@@ -36,6 +41,7 @@ impl Default for FlightSettings {
             sigma_position_m: [2.0, 2.0, 3.0],
             sigma_tilt_deg: 2.0,
             sigma_kappa_deg: 3.0,
+            share_wild: 0.0,
         }
     }
 }
@@ -70,11 +76,13 @@ fn perturbed(centre_m: Vector3<f64>, angles: Angles, seed: u64, settings: &Fligh
     let draws = &mut Draws::new(seed, Purpose::Approximation);
     let sigma_tilt_rad = settings.sigma_tilt_deg.to_radians();
     let sigma_kappa_rad = settings.sigma_kappa_deg.to_radians();
-    let error_m = Vector3::from(settings.sigma_position_m).map(|sigma_m| sigma_m * draws.normal());
+    let wild = Draws::new(seed, Purpose::WildNavigation).chance(settings.share_wild);
+    let scale = if wild { WILD } else { 1.0 };
+    let error_m = Vector3::from(settings.sigma_position_m).map(|sigma_m| scale * sigma_m * draws.normal());
     let sigmas_rad = [sigma_tilt_rad, sigma_tilt_rad, sigma_kappa_rad];
     let mut approximate = angles;
     for (angle, sigma_rad) in approximate.iter_mut().zip(sigmas_rad) {
-        *angle += sigma_rad * draws.normal();
+        *angle += scale * sigma_rad * draws.normal();
     }
     Approximation {
         orientation: ExteriorOrientation {

@@ -28,11 +28,13 @@ pub struct PhotographSettings {
     pub noise_grey: f64,
     /// Loss of light in the corners, a share.
     pub vignetting: f64,
+    /// What haze leaves of all contrasts, a share; the rest is an even grey. 1: a clear day.
+    pub clearness: f64,
 }
 
 impl Default for PhotographSettings {
     fn default() -> Self {
-        Self { rays_per_pixel: 4, blur_sigma_px: 1.0, texture: 1.0, noise_grey: 2.0, vignetting: 0.12 }
+        Self { rays_per_pixel: 4, blur_sigma_px: 1.0, texture: 1.0, noise_grey: 2.0, vignetting: 0.12, clearness: 1.0 }
     }
 }
 
@@ -71,45 +73,84 @@ pub fn photograph_window(
     window: PixelRect,
 ) -> Photograph {
     let kernel = gaussian(settings.blur_sigma_px);
-    let margin_px = kernel.len() as i32 - 1;
-    let area = Area {
-        x: window.x as i32 - margin_px,
-        y: window.y as i32 - margin_px,
-        width: window.width as usize + 2 * margin_px as usize,
-        height: window.height as usize + 2 * margin_px as usize,
-    };
-    let sharp = Scenery::new(town, camera, orientation, settings).light(area);
-    let soft = blurred(&sharp, area.width, area.height, &kernel);
+    let area = Area::around(window, margin_px(&kernel));
+    let light = Scenery::new(town, camera, orientation, settings).light(area);
+    developed(&light, window, &kernel, &Sensor { camera, settings, seed })
+}
+
+/// By so much more than a window the light must be known for the window to be blurred.
+pub(crate) fn margin_px(kernel: &[f32]) -> i32 {
+    kernel.len() as i32 - 1
+}
+
+/// What the sensor makes of the light around a window: blur, then grey values.
+pub(crate) fn developed(light: &[f32], window: PixelRect, kernel: &[f32], sensor: &Sensor) -> Photograph {
+    let area = Area::around(window, margin_px(kernel));
+    let margin_px = margin_px(kernel) as usize;
+    let soft = blurred(light, area.width, area.height, kernel);
     let width = window.width as usize;
     let mut grey = vec![0; width * window.height as usize];
     grey.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
-        let from = (row + margin_px as usize) * area.width + margin_px as usize;
+        let from = (row + margin_px) * area.width + margin_px;
         for (column, (cell, &light)) in line.iter_mut().zip(&soft[from..from + width]).enumerate() {
-            *cell = exposed(light, [window.x + column as u32, window.y + row as u32], camera, settings, seed);
+            *cell = sensor.exposed(light, [window.x + column as u32, window.y + row as u32]);
         }
     });
     Photograph { width_px: window.width, height_px: window.height, grey }
 }
 
-/// The value that the sensor stores.
-fn exposed(light: f32, pixel: [u32; 2], camera: &Camera, settings: &PhotographSettings, seed: u64) -> u8 {
-    let [x, y] = pixel;
-    let half = [f64::from(camera.width_px) / 2.0, f64::from(camera.height_px) / 2.0];
-    let (dx, dy) = (f64::from(x) + 0.5 - half[0], f64::from(y) + 0.5 - half[1]);
-    let to_corner = (dx * dx + dy * dy) / (half[0] * half[0] + half[1] * half[1]);
-    let dimmed = light * (1.0 - settings.vignetting * to_corner) as f32;
-    let sigma = settings.noise_grey as f32 * (0.3 + 0.7 * dimmed.max(0.0) / 128.0).sqrt();
-    let noise = sigma * pixel_deviate(x as i32, y as i32, (seed ^ (seed >> 32)) as u32);
-    (dimmed + noise).round().clamp(0.0, 255.0) as u8
+/// Turns light into grey values.
+pub(crate) struct Sensor<'a> {
+    pub(crate) camera: &'a Camera,
+    pub(crate) settings: &'a PhotographSettings,
+    /// Draws the noise.
+    pub(crate) seed: u64,
+}
+
+/// The grey of haze that hides everything.
+const AIRLIGHT_GREY: f32 = 150.0;
+
+impl Sensor<'_> {
+    /// The value that is stored for a pixel.
+    fn exposed(&self, light: f32, [x, y]: [u32; 2]) -> u8 {
+        let Self { camera, settings, seed } = *self;
+        let half = [f64::from(camera.width_px) / 2.0, f64::from(camera.height_px) / 2.0];
+        let (dx, dy) = (f64::from(x) + 0.5 - half[0], f64::from(y) + 0.5 - half[1]);
+        let to_corner = (dx * dx + dy * dy) / (half[0] * half[0] + half[1] * half[1]);
+        let through_haze = AIRLIGHT_GREY + settings.clearness as f32 * (light - AIRLIGHT_GREY);
+        let dimmed = through_haze * (1.0 - settings.vignetting * to_corner) as f32;
+        let sigma = settings.noise_grey as f32 * (0.3 + 0.7 * dimmed.max(0.0) / 128.0).sqrt();
+        let noise = sigma * pixel_deviate(x as i32, y as i32, (seed ^ (seed >> 32)) as u32);
+        (dimmed + noise).round().clamp(0.0, 255.0) as u8
+    }
 }
 
 /// A rectangle of pixels that may reach beyond the frame.
 #[derive(Clone, Copy)]
-struct Area {
-    x: i32,
-    y: i32,
-    width: usize,
-    height: usize,
+pub(crate) struct Area {
+    pub(crate) x: i32,
+    pub(crate) y: i32,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+}
+
+impl Area {
+    /// A window with a margin around it.
+    pub(crate) fn around(window: PixelRect, margin_px: i32) -> Self {
+        Self {
+            x: window.x as i32 - margin_px,
+            y: window.y as i32 - margin_px,
+            width: window.width as usize + 2 * margin_px as usize,
+            height: window.height as usize + 2 * margin_px as usize,
+        }
+    }
+
+    /// The rows and columns of the raster of tiles that it touches.
+    pub(crate) fn tiles(&self) -> [std::ops::RangeInclusive<i32>; 2] {
+        let tile = TILE_PX as i32;
+        let range = |from: i32, length: usize| from.div_euclid(tile)..=(from + length as i32 - 1).div_euclid(tile);
+        [range(self.y, self.height), range(self.x, self.width)]
+    }
 }
 
 /// A town before a camera, ready to be looked at.
@@ -144,9 +185,9 @@ impl<'a> Scenery<'a> {
     /// The light that falls on every pixel of an area, before the lens blurs it.
     fn light(&self, area: Area) -> Vec<f32> {
         let tile = TILE_PX as i32;
-        let first_row = area.y.div_euclid(tile);
-        let last_row = (area.y + area.height as i32 - 1).div_euclid(tile);
-        let strips: Vec<Vec<f32>> = (first_row..=last_row).into_par_iter().map(|row| self.strip(row, area)).collect();
+        let [rows, _] = area.tiles();
+        let first_row = *rows.start();
+        let strips: Vec<Vec<f32>> = rows.into_par_iter().map(|row| self.strip(row, area)).collect();
         let skip = (area.y - first_row * tile) as usize * area.width;
         strips.concat()[skip..skip + area.width * area.height].to_vec()
     }
@@ -154,16 +195,10 @@ impl<'a> Scenery<'a> {
     /// A row of tiles, cut to the columns of the area.
     fn strip(&self, row: i32, area: Area) -> Vec<f32> {
         let tile_px = TILE_PX as i32;
-        let columns = area.x.div_euclid(tile_px)..=(area.x + area.width as i32 - 1).div_euclid(tile_px);
-        let corners = columns.map(|column| [column * tile_px, row * tile_px]);
-        let tiles: Vec<Tile> = corners
-            .filter_map(|corner| Tile::new(corner, self.rays_per_pixel, &self.eye, &self.town.terrain))
-            .collect();
-        let part = Part::of_row(&self.seen, &tiles);
+        let [_, columns] = area.tiles();
         let mut strip = vec![SKY_GREY; area.width * TILE_PX];
-        for tile in &tiles {
-            let light = self.tile_light(tile, &part);
-            let shift = tile.corner_px[0] - area.x;
+        for (column, light) in self.tiles_light(row, columns) {
+            let shift = column * tile_px - area.x;
             let (from, to) = (shift.max(0), (shift + tile_px).min(area.width as i32));
             for line in 0..TILE_PX {
                 let source = line * TILE_PX + (from - shift) as usize;
@@ -173,6 +208,19 @@ impl<'a> Scenery<'a> {
             }
         }
         strip
+    }
+
+    /// The light on tiles of one row, each with its column; those that look into the sky are left out.
+    pub(crate) fn tiles_light(&self, row: i32, columns: impl Iterator<Item = i32>) -> Vec<(i32, Vec<f32>)> {
+        let tile_px = TILE_PX as i32;
+        let tile = |column: i32| {
+            let corner_px = [column * tile_px, row * tile_px];
+            Tile::new(corner_px, self.rays_per_pixel, &self.eye, &self.town.terrain)
+        };
+        let tiles: Vec<Tile> = columns.filter_map(tile).collect();
+        let part = Part::of_row(&self.seen, &tiles);
+        let light = |tile: &Tile| (tile.corner_px[0] / tile_px, self.tile_light(tile, &part));
+        tiles.iter().map(light).collect()
     }
 
     /// What the rays of a tile meet, and whether the sun reaches it.
@@ -214,7 +262,7 @@ impl<'a> Scenery<'a> {
 }
 
 /// The middle and one wing of a normal curve that sums to 1, cut where it has fallen below a thousandth.
-fn gaussian(sigma_px: f64) -> Vec<f32> {
+pub(crate) fn gaussian(sigma_px: f64) -> Vec<f32> {
     if sigma_px.is_nan() || sigma_px <= 0.0 {
         return vec![1.0];
     }

@@ -18,6 +18,10 @@ pub(crate) struct Site<'a> {
     pub(crate) faces: Vec<Face>,
     pub(crate) patches: Vec<Patch>,
     pub(crate) puffs: Vec<Puff>,
+    /// See `TownSettings`.
+    pub(crate) trees: f64,
+    /// See `TownSettings`.
+    pub(crate) share_alike: f64,
 }
 
 /// A plot: `along` the street, the left of it leading into the plot; the origin lies on the street's centre line.
@@ -26,6 +30,8 @@ struct Plot {
     half_front_m: f64,
     front_m: f64,
     back_m: f64,
+    /// Where the house is drawn from, if it is like its neighbours.
+    pattern: Option<Draws>,
 }
 
 const CLEARANCE_M: f64 = 2.2;
@@ -35,8 +41,11 @@ impl Site<'_> {
     pub(crate) fn build_along(&mut self, street: &Street, axis: PlanFrame, half_length_m: f64, draws: &mut Draws) {
         for side in [1.0, -1.0] {
             let mut at_m = draws.between(0.0, 12.0);
+            // nothing is drawn where no rows are alike: the other draws stay what they are
+            let alike = self.share_alike > 0.0 && draws.chance(self.share_alike);
+            let pattern = alike.then(|| draws.clone());
             loop {
-                let half_front_m = draws.between(9.5, 13.5);
+                let half_front_m = pattern.clone().as_mut().unwrap_or(draws).between(9.5, 13.5);
                 let Some(middle) = street.frame_at(at_m + half_front_m) else { break };
                 at_m += 2.0 * half_front_m;
                 let inside = axis.along.dot(&(middle.origin_m - axis.origin_m)).abs() < half_length_m;
@@ -46,7 +55,13 @@ impl Site<'_> {
                 let frame = PlanFrame { origin_m: middle.origin_m, along: middle.along * side };
                 let front_m = street.half_width_m();
                 self.lay_out(
-                    &Plot { frame, half_front_m, front_m, back_m: front_m + draws.between(25.0, 32.0) },
+                    &Plot {
+                        frame,
+                        half_front_m,
+                        front_m,
+                        back_m: front_m + draws.between(25.0, 32.0),
+                        pattern: pattern.clone(),
+                    },
                     draws,
                 );
             }
@@ -54,8 +69,9 @@ impl Site<'_> {
     }
 
     fn lay_out(&mut self, plot: &Plot, draws: &mut Draws) {
-        let Some(house) = self.house_on(plot, draws) else { return };
-        let Plot { frame, half_front_m, front_m, back_m } = *plot;
+        let house = self.house_on(plot, plot.pattern.clone().as_mut().unwrap_or(draws));
+        let Some(house) = house else { return };
+        let Plot { frame, half_front_m, front_m, back_m, .. } = *plot;
         self.paint(frame, [-half_front_m, half_front_m], [front_m, back_m], Material::grass(draws.between(0.3, 0.44)));
         let away = house.centre_m - frame.origin_m;
         let (house_along_m, house_across_m) = (frame.along.dot(&away), super::surface::left_of(frame.along).dot(&away));
@@ -239,7 +255,8 @@ impl Site<'_> {
     }
 
     fn plant(&mut self, plot: &Plot, draws: &mut Draws) {
-        for _ in 0..draws.below(7) {
+        let trees = f64::from(draws.below(7)) * self.trees;
+        for _ in 0..trees.round() as u32 {
             let in_front = draws.chance(0.2);
             let across_m = if in_front { plot.front_m + 1.8 } else { plot.back_m - draws.between(1.5, 15.0) };
             let place = plot.frame.at(draws.within(plot.half_front_m - 1.0), across_m);

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::control::{ControlSettings, SimulatedControlPoint, survey};
 use super::flight::{FlightSettings, fly};
+use super::lazy::LazyPhotograph;
 use super::photograph::{Photograph, PhotographSettings, photograph};
 use super::town::{Town, TownSettings};
 use crate::geometry::{Brown, Camera, CameraError, ExteriorOrientation};
@@ -138,6 +139,12 @@ impl Scene {
         photograph(&self.town, &self.camera, &self.true_orientation, &self.settings.photograph, self.seed)
     }
 
+    /// The photograph, taken only where it is looked at.
+    #[must_use]
+    pub fn picture(&self) -> LazyPhotograph<'_> {
+        LazyPhotograph::new(&self.town, &self.camera, &self.true_orientation, &self.settings.photograph, self.seed)
+    }
+
     /// What the pipeline is told of the control.
     #[must_use]
     pub fn control_points(&self) -> Vec<ControlPoint> {
@@ -188,13 +195,16 @@ impl SceneSettings {
         let [east, north, up] = flight.sigma_position_m;
         const SHARE: [f64; 2] = [0.0, 1.0];
         const ANY_SIZE: [f64; 2] = [0.0, 1e4];
-        let bounded: [Bounded; 20] = [
+        let bounded: [Bounded; 29] = [
             ("town.half_length_m", town.half_length_m, [30.0, 2000.0], "30 to 2000 m"),
             ("town.street_rows", f64::from(town.street_rows), [1.0, 30.0], "1 to 30"),
             ("town.mean_height_m", town.mean_height_m, [-500.0, 9000.0], "-500 to 9000 m"),
             ("town.relief_m", town.relief_m, [0.0, 20.0], "0 to 20 m"),
             ("town.sun_elevation_deg", lowest, [10.0, 90.0], "10 to 90 degrees"),
             ("town.sun_elevation_deg", highest, [lowest, 90.0], "between the lowest sun and 90 degrees"),
+            ("town.trees", town.trees, [0.0, 10.0], "0 to 10"),
+            ("town.foliage", town.foliage, SHARE, "0 to 1"),
+            ("town.share_alike", town.share_alike, SHARE, "0 to 1"),
             ("flight.height_m", flight.height_m, [40.0, 1e4], "40 to 10000 m"),
             ("flight.greatest_tilt_deg", flight.greatest_tilt_deg, [0.0, 45.0], "0 to 45 degrees"),
             ("flight.aim_spread_m", flight.aim_spread_m, ANY_SIZE, "0 to 10000 m"),
@@ -203,11 +213,17 @@ impl SceneSettings {
             ("flight.sigma_position_m", up, ANY_SIZE, "0 to 10000 m"),
             ("flight.sigma_tilt_deg", flight.sigma_tilt_deg, [0.0, 45.0], "0 to 45 degrees"),
             ("flight.sigma_kappa_deg", flight.sigma_kappa_deg, [0.0, 180.0], "0 to 180 degrees"),
+            ("flight.share_wild", flight.share_wild, SHARE, "0 to 1"),
             ("control.share", control.share, SHARE, "0 to 1"),
             ("control.sigma_m", control.sigma_m, ANY_SIZE, "0 to 10000 m"),
             ("control.share_outdated", control.share_outdated, SHARE, "0 to 1"),
+            ("control.share_gone", control.share_gone, SHARE, "0 to 1"),
+            ("control.sigma_shift_m", control.sigma_shift_m, ANY_SIZE, "0 to 10000 m"),
+            ("control.sigma_edge_m", control.sigma_edge_m, ANY_SIZE, "0 to 10000 m"),
+            ("control.share_missing", control.share_missing, SHARE, "0 to 1"),
             ("photograph.rays_per_pixel", f64::from(photograph.rays_per_pixel), [1.0, 64.0], "1 to 64"),
             ("photograph.blur_sigma_px", photograph.blur_sigma_px, [0.0, 20.0], "0 to 20 px"),
+            ("photograph.clearness", photograph.clearness, SHARE, "0 to 1"),
             ("photograph.noise_grey", photograph.noise_grey, [0.0, 100.0], "0 to 100"),
         ];
         let outside = bounded.into_iter().find(|(_, value, [low, high], _)| !(low..=high).contains(&value));

@@ -25,6 +25,12 @@ pub struct TownSettings {
     pub relief_m: f64,
     /// The lowest and the highest sun that is drawn. Photographs are flown between these on a clear day.
     pub sun_elevation_deg: [f64; 2],
+    /// How many trees stand in the gardens, as a multiple of what is usual.
+    pub trees: f64,
+    /// The share of the balls of leaves that are there: 1 in summer, few in winter.
+    pub foliage: f64,
+    /// The share of the rows of houses in which all are alike, at even distances, as a builder puts them up.
+    pub share_alike: f64,
 }
 
 impl Default for TownSettings {
@@ -35,6 +41,9 @@ impl Default for TownSettings {
             mean_height_m: 62.0,
             relief_m: 6.0,
             sun_elevation_deg: [32.0, 55.0],
+            trees: 1.0,
+            foliage: 1.0,
+            share_alike: 0.0,
         }
     }
 }
@@ -79,13 +88,17 @@ impl Town {
             faces: Vec::new(),
             patches: fields(axis, draws),
             puffs: Vec::new(),
+            trees: settings.trees,
+            share_alike: settings.share_alike,
         };
         for street in streets.iter().take(settings.street_rows as usize) {
             site.build_along(street, axis, settings.half_length_m, draws);
         }
         park_along(&mut site, &streets, draws);
         plant_outside(&mut site, axis, settings.half_length_m, draws);
-        let Site { buildings, faces: details, mut patches, puffs, .. } = site;
+        let Site { buildings, faces: details, mut patches, mut puffs, .. } = site;
+        let season = &mut Draws::new(seed, Purpose::Foliage);
+        puffs.retain(|_| season.chance(settings.foliage));
         patches.extend(street_patches(&streets, draws));
         let mut faces: Vec<Face> = buildings.iter().flat_map(Building::faces).collect();
         faces.extend(details);

@@ -1,0 +1,128 @@
+//! `gable simulate --mixture`: the study.
+
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use anyhow::Context as _;
+use gable::features::{GreyWindow, Picture, PictureError, PixelRect};
+use gable::simulation::Scene;
+use gable::study::{self, Mixture, Row, paper, plot, table};
+use indicatif::{ProgressBar, ProgressStyle};
+use rustix::time::{ClockId, clock_gettime};
+
+use super::super::print;
+use super::rows::{Manifest, RowsFile};
+
+/// Studies `images` images of a mixture from a first seed on, and leaves rows, table and plot in a folder.
+pub(super) fn study(mixture: Mixture, seeds: std::ops::Range<u64>, folder: &Path) -> anyhow::Result<()> {
+    let (file, before) = RowsFile::open(folder, &Manifest::of(mixture)?)?;
+    let done: std::collections::HashSet<u64> = before.iter().map(|row| row.seed).collect();
+    let missing: Vec<u64> = seeds.clone().filter(|seed| !done.contains(seed)).collect();
+    let bar = bar(seeds.end - seeds.start, seeds.end - seeds.start - missing.len() as u64);
+    let writer = Mutex::new((file, before));
+    let first_error = in_parallel(&missing, |seed| {
+        let row = examined(mixture, seed)?;
+        let mut writer = writer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        writer.0.append(&row)?;
+        writer.1.push(row);
+        bar.inc(1);
+        Ok(())
+    });
+    bar.finish_and_clear();
+    first_error?;
+    let (file, mut rows) = writer.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    rows.sort_by_key(|row| row.seed);
+    file.replace(&rows)?;
+    let asked: Vec<Row> = rows.into_iter().filter(|row| seeds.contains(&row.seed)).collect();
+    let table = table::table(mixture, &asked);
+    for (name, text) in [("table.md", &table), ("errors.svg", &plot::plot(&asked))] {
+        let path = folder.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    print(&table)
+}
+
+/// Works through the seeds on all cores, an image on a core at a time, and ends at the first error.
+///
+/// Every worker is a pool of its own with one thread: what the stages would do in parallel stays within it, so that
+/// its thread's clock counts one image and cores do not wait for one another.
+fn in_parallel(seeds: &[u64], work: impl Fn(u64) -> anyhow::Result<()> + Sync) -> anyhow::Result<()> {
+    let next = AtomicU64::new(0);
+    let stopped = AtomicBool::new(false);
+    let worker = || -> anyhow::Result<()> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+        while let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed) as usize) {
+            if stopped.load(Ordering::Relaxed) {
+                break;
+            }
+            pool.install(|| work(seed)).inspect_err(|_| stopped.store(true, Ordering::Relaxed))?;
+        }
+        Ok(())
+    };
+    let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    std::thread::scope(|scope| {
+        let handles: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
+        handles.into_iter().try_for_each(|handle| {
+            handle.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a worker has panicked; see the messages above")))
+        })
+    })
+}
+
+/// One image, with the times it took.
+fn examined(mixture: Mixture, seed: u64) -> anyhow::Result<Row> {
+    let begin = thread_seconds();
+    let scene = Scene::draw(seed, &mixture.settings(seed))?;
+    let photograph = scene.picture();
+    let picture = Timed { picture: &photograph, nanoseconds: AtomicU64::new(0) };
+    let drawn = thread_seconds();
+    let outcome = study::oriented(&scene, &picture).with_context(|| format!("seed {seed}"))?;
+    let (oriented, rendered_first) = (thread_seconds(), picture.seconds());
+    let by_paper = paper::orient(&picture, &scene.control_points(), &scene.camera, &scene.approximation)
+        .with_context(|| format!("seed {seed}"))?;
+    let (end, rendered) = (thread_seconds(), picture.seconds());
+    Ok(Row {
+        render_seconds: drawn - begin + rendered,
+        pipeline_seconds: oriented - drawn - rendered_first,
+        paper_seconds: end - oriented - (rendered - rendered_first),
+        ..Row::new(mixture, &scene, &outcome, &by_paper)
+    })
+}
+
+/// Processor time of this thread.
+fn thread_seconds() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// A picture that knows how long its windows took.
+struct Timed<'a> {
+    picture: &'a dyn Picture,
+    nanoseconds: AtomicU64,
+}
+
+impl Timed<'_> {
+    fn seconds(&self) -> f64 {
+        self.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9
+    }
+}
+
+impl Picture for Timed<'_> {
+    fn size_px(&self) -> [u32; 2] {
+        self.picture.size_px()
+    }
+
+    fn window(&self, rect: PixelRect, reduction: u32) -> Result<GreyWindow, PictureError> {
+        let begin = thread_seconds();
+        let window = self.picture.window(rect, reduction);
+        self.nanoseconds.fetch_add(((thread_seconds() - begin) * 1e9) as u64, Ordering::Relaxed);
+        window
+    }
+}
+
+fn bar(images: u64, done: u64) -> ProgressBar {
+    let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} images, {per_sec}, {eta} to go");
+    let bar = ProgressBar::new(images).with_position(done);
+    bar.reset_eta();
+    style.map_or(bar.clone(), |style| bar.with_style(style))
+}
