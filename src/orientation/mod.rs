@@ -10,7 +10,7 @@ pub mod matching;
 pub mod predict;
 pub mod search;
 pub mod select;
-mod views;
+pub mod views;
 
 use nalgebra::Vector3;
 

@@ -13,7 +13,14 @@ use crate::orientation::search::Search;
 impl Outcome {
     /// The outcome for an image for which no orientation was found.
     pub(super) fn without_orientation(diagnosis: Diagnosis) -> Self {
-        Self { estimate: None, control_points: Vec::new(), edges: Vec::new(), ground_precision: Vec::new(), diagnosis }
+        Self {
+            estimate: None,
+            control_points: Vec::new(),
+            edges: Vec::new(),
+            ground_precision: Vec::new(),
+            diagnosis,
+            cost: None,
+        }
     }
 }
 
