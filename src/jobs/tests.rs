@@ -79,6 +79,7 @@ async fn upload(store: &Store, bytes: &[u8]) -> Uuid {
 
 fn outcome(task: &Task) -> Outcome {
     Outcome {
+        cost: None,
         estimate: Some(Estimate {
             orientation: task.approximation.orientation,
             covariance: Matrix6::identity(),

@@ -102,10 +102,12 @@ impl<'a> Extraction<'a> {
         rows.flat_map(move |row| columns.clone().map(move |column| [column, row]))
     }
 
-    /// How many tiles were extracted.
+    /// How many pixels of the file were read so far.
     #[must_use]
-    pub fn tiles_read(&self) -> usize {
-        self.tiles_done.len()
+    pub fn pixels_read(&self) -> u64 {
+        let [width, height] = self.picture.size_px();
+        let side = |index: u32, size: u32| u64::from(self.tile_px().min(size - index * self.tile_px()));
+        self.tiles_done.iter().map(|[column, row]| side(*column, width) * side(*row, height)).sum()
     }
 
     /// Pixels along a side of a tile.
@@ -201,8 +203,11 @@ mod tests {
         assert_eq!(picture.read.lock().unwrap().len(), 1);
         square(&mut extraction, 6000.0, 7000.0);
         assert_eq!(picture.read.lock().unwrap().len(), 1);
+        assert_eq!(extraction.pixels_read(), 2048 * 2048);
         square(&mut extraction, 1900.0, 2100.0);
         assert_eq!(picture.read.lock().unwrap().len(), 4);
+        // the lower tiles end with the picture
+        assert_eq!(extraction.pixels_read(), 4096 * 3000);
     }
 
     #[test]

@@ -12,7 +12,7 @@ pub mod predict;
 pub mod search;
 pub mod select;
 pub mod shifts;
-mod views;
+pub mod views;
 
 use nalgebra::Vector3;
 

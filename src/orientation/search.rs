@@ -16,8 +16,7 @@ use super::gate::{Located, Scale};
 use super::locate::{Clustering, Peak, shift_map};
 use super::predict::{Approximation, Prediction, edges_px, on_frame};
 use super::select::distinctiveness;
-pub use super::views::Assumed;
-use super::views::{Frame, View, Window, views};
+use super::views::{Assumed, Frame, View, Window, views};
 use crate::features::PictureError;
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 

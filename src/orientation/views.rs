@@ -247,3 +247,132 @@ impl Steps {
         self.half() / 3.0_f64.sqrt()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::estimation::simulated::Draws;
+    use crate::geometry::{Brown, Segment2, Segment3};
+    use crate::orientation::predict::{edges_px, on_frame};
+
+    fn camera() -> Camera {
+        Camera::new([4000, 3000], 3000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap()
+    }
+
+    fn approximation(sigma_position_m: [f64; 3], sigma_tilt_deg: f64, sigma_kappa_deg: Option<f64>) -> Approximation {
+        Approximation {
+            orientation: ExteriorOrientation {
+                projection_centre_m: Vector3::new(0.0, 0.0, 300.0),
+                camera_from_object: rotation::camera_from_object(0.0, 0.0, 0.5),
+            },
+            sigma_position_m,
+            sigma_tilt_rad: sigma_tilt_deg.to_radians(),
+            sigma_kappa_rad: sigma_kappa_deg.map(f64::to_radians),
+        }
+    }
+
+    /// A roof that rises by 3 m.
+    fn house(at: Vector3<f64>) -> ControlPoint {
+        let corner = |x: f64, y: f64, z: f64| at + Vector3::new(x, y, z);
+        let rim = [corner(-8.0, -5.0, 0.0), corner(8.0, -5.0, 0.0), corner(8.0, 5.0, 3.0), corner(-8.0, 5.0, 3.0)];
+        let edges_m = (0..4).map(|i| Segment3 { start: rim[i], end: rim[(i + 1) % 4] }).collect();
+        ControlPoint { name: "house".into(), sigma_m: 0.05, reference_m: at, edges_m }
+    }
+
+    /// Half the diagonal of its plan.
+    const HOUSE_M: f64 = 9.5;
+
+    /// An orientation evenly drawn within two standard deviations, of the heading within its circle if it is unknown.
+    fn drawn(a: &Approximation, draws: &mut Draws) -> ExteriorOrientation {
+        let [omega, phi, kappa] = rotation::angles(&a.orientation.camera_from_object);
+        let tilt = 2.0 * a.sigma_tilt_rad;
+        let turn = a.sigma_kappa_rad.map_or(std::f64::consts::PI, |s| 2.0 * s);
+        let camera_from_object = rotation::camera_from_object(
+            omega + draws.even(-tilt, tilt),
+            phi + draws.even(-tilt, tilt),
+            kappa + draws.even(-turn, turn),
+        );
+        let away = Vector3::from_iterator(a.sigma_position_m.iter().map(|s| draws.even(-2.0 * s, 2.0 * s)));
+        ExteriorOrientation { projection_centre_m: a.orientation.projection_centre_m + away, camera_from_object }
+    }
+
+    /// The largest distance of a corner from where a window draws it, once the reference points coincide.
+    fn misdrawn_px(camera: &Camera, house: &ControlPoint, truth: &ExteriorOrientation, window: &Window) -> f64 {
+        let about_reference = |at: &ExteriorOrientation| -> Vec<Vector2<f64>> {
+            let reference = at.reduced_px(camera.principal_distance_px, house.reference_m).unwrap();
+            let edges: Vec<Segment2> = edges_px(camera, at, house).into_iter().flatten().collect();
+            edges.iter().flat_map(|e| [e.start - reference, e.end - reference]).collect()
+        };
+        let (seen, drawn) = (about_reference(truth), about_reference(&window.view));
+        seen.iter().zip(&drawn).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+    }
+
+    /// The share of drawn orientations under which a house on the frame lies in a window that draws it right to
+    /// `share` of its size.
+    fn covered(a: &Approximation, share: f64) -> f64 {
+        let (camera, mut draws) = (camera(), Draws::new(5));
+        let frame = Frame::of(&camera);
+        let (views, _) = views(a, 0.0);
+        let (mut in_view, mut covered) = (0, 0);
+        for _ in 0..400 {
+            let truth = drawn(a, &mut draws);
+            let house = house(Vector3::new(draws.even(-150.0, 150.0), draws.even(-150.0, 150.0), 0.0));
+            let Some(image) = truth.reduced_px(camera.principal_distance_px, house.reference_m) else { continue };
+            if !on_frame(&camera, image, 0.0) {
+                continue;
+            }
+            in_view += 1;
+            let size_px = HOUSE_M * camera.principal_distance_px / truth.projection_centre_m.z;
+            let holds = |w: &Window| {
+                let inside = (image - w.centre_px).amax() < w.half_width_px;
+                inside && misdrawn_px(&camera, &house, &truth, w) < share * size_px
+            };
+            let windows = views.iter().flat_map(|view| view.windows(&camera, &frame, (0, &house)));
+            covered += usize::from(windows.into_iter().any(|w| holds(&w)));
+        }
+        assert!(in_view > 100, "{in_view}");
+        f64::from(covered as u32) / f64::from(in_view)
+    }
+
+    #[test]
+    fn windows_cover_all_that_the_approximation_allows() {
+        let cases = [
+            ("attitude", approximation([2.0, 2.0, 3.0], 2.0, Some(3.0))),
+            ("nadir", approximation([2.0, 2.0, 3.0], 8.0, Some(3.0))),
+            ("position", approximation([2.0, 2.0, 3.0], 5.0, None)),
+            ("a receiver's position", approximation([15.0, 15.0, 30.0], 5.0, Some(15.0))),
+            ("height", approximation([2.0, 2.0, 60.0], 2.0, Some(3.0))),
+        ];
+        for (name, approximation) in cases {
+            // half a step of heading, one of scale and the perspective across half a window together
+            let all = covered(&approximation, 0.25);
+            assert!(all > 0.99, "{name}: {all}");
+        }
+    }
+
+    #[test]
+    fn a_good_approximation_needs_one_view_and_one_window() {
+        let (camera, a) = (camera(), approximation([2.0, 2.0, 3.0], 1.0, Some(1.5)));
+        let (views, _) = views(&a, 0.0);
+        assert_eq!(views.len(), 1);
+        let windows = |at| views[0].windows(&camera, &Frame::of(&camera), (0, &house(at))).len();
+        assert_eq!(windows(Vector3::zeros()), 1);
+        assert_eq!(windows(Vector3::new(900.0, 0.0, 0.0)), 0);
+    }
+
+    #[test]
+    fn a_height_that_allows_too_much_is_cut_and_says_so() {
+        let assumed = |sigma_up_m| views(&approximation([2.0, 2.0, sigma_up_m], 2.0, Some(3.0)), 0.0).1;
+        assert!(!assumed(50.0).height_cut && assumed(200.0).height_cut);
+        let [least_m, largest_m] = assumed(200.0).flying_height_m;
+        assert!((least_m - 120.0).abs() < 1e-9 && (largest_m - 750.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_number_of_views_is_bounded() {
+        let (views, _) = views(&approximation([1e4; 3], 45.0, None), 0.0);
+        assert!(views.len() < 500, "{}", views.len());
+    }
+}

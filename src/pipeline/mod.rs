@@ -13,6 +13,8 @@ pub use self::run::orient;
 pub use crate::diagnosis::precision::GroundPrecision;
 pub use crate::estimation::Guarantee;
 pub use crate::orientation::predict::Approximation;
+pub use crate::orientation::search::SearchReport;
+pub use crate::orientation::views::Assumed;
 
 /// The largest planimetric error on the ground that the user can accept.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,6 +134,17 @@ pub struct EdgeResult {
     pub matched_px: Vec<Segment2>,
 }
 
+/// What was done to orient an image. Counts, the same on every machine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cost {
+    /// The search: what it took for possible and looked at.
+    pub search: SearchReport,
+    /// Hypotheses that were adjusted with lines.
+    pub adjusted: usize,
+    /// Pixels of the file that were read.
+    pub pixels_read: u64,
+}
+
 /// All that is known of the image afterwards.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
@@ -147,6 +160,8 @@ pub struct Outcome {
     pub consensus: Option<ConsensusResult>,
     /// The verdict.
     pub diagnosis: Diagnosis,
+    /// What it cost; `None` if there was nothing to search for.
+    pub cost: Option<Cost>,
 }
 
 /// Why a run ended without an outcome. (An image that cannot be oriented is an outcome: red, with reasons.)

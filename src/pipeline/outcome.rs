@@ -20,6 +20,7 @@ impl Outcome {
             ground_precision: Vec::new(),
             consensus: None,
             diagnosis,
+            cost: None,
         }
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::Matrix6;
 
 use super::outcome::{control_point_results, edge_results, in_view};
 use super::{
-    Approximation, ConsensusResult, Estimate, Fault, GroundPrecision, Observer, Outcome, Stage, Task, Tolerance,
+    Approximation, ConsensusResult, Cost, Estimate, Fault, GroundPrecision, Observer, Outcome, Stage, Task, Tolerance,
 };
 use crate::diagnosis::thresholds::{Evidence, Thresholds, judge, not_oriented};
 use crate::diagnosis::{Diagnosis, Features, d_max_m, ground_precision, lambda_max, reference_covariance};
@@ -99,7 +99,7 @@ impl Run<'_> {
             self.observer.progress(Stage::Locate, 0.1 + 0.6 * done);
             !self.observer.cancelled()
         };
-        let Found { hypotheses, .. } = search.run(&mut extraction, &go_on)?;
+        let Found { hypotheses, report } = search.run(&mut extraction, &go_on)?;
         self.enter(Stage::Resect, 0.7)?;
         let mut solutions = Vec::new();
         let least_score = hypotheses.first().map_or(0.0, |best| best.score) - HOPELESSLY_BEHIND;
@@ -110,14 +110,15 @@ impl Run<'_> {
         }
         self.enter(Stage::Diagnose, 0.97)?;
         solutions.sort_by(|a: &Solution, b| b.log_odds.total_cmp(&a.log_odds));
+        let cost = Some(Cost { search: report, adjusted: promising, pixels_read: extraction.pixels_read() });
         let Some(best) = solutions.first() else {
-            return Ok(self.not_found(&search, &hypotheses));
+            return Ok(Outcome { cost, ..self.not_found(&search, &hypotheses) });
         };
         let adjusted = solutions.iter().skip(1).map(|s| (&s.adjustment.orientation, s.log_odds));
         let not_adjusted = hypotheses[promising..].iter().map(|h| (&h.prediction.orientation, h.score));
         let rivals = adjusted.chain(not_adjusted).filter(|(other, _)| self.differ(&search, best, other));
         let runner_up = rivals.map(|(_, log_odds)| log_odds).fold(0.0, f64::max);
-        Ok(self.outcome(&search, &extraction, best, runner_up))
+        Ok(Outcome { cost, ..self.outcome(&search, &extraction, best, runner_up) })
     }
 
     /// Points, then lines.
@@ -247,6 +248,7 @@ impl Run<'_> {
             ground_precision: ground,
             consensus: Some(best.consensus),
             diagnosis,
+            cost: None,
         }
     }
 

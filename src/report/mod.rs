@@ -11,9 +11,10 @@ pub use result::{ApproximationOrigin, ApproximationUsed, OrientationResult, Orig
 
 use crate::diagnosis::{Diagnosis, Features, Verdict};
 use crate::geometry::{Crs, CrsError, LocalFrame, rotation};
-use crate::pipeline::{ConsensusResult, ControlPointResult, Estimate, GroundPrecision, Outcome};
+use crate::pipeline::{ConsensusResult, ControlPointResult, Cost, Estimate, GroundPrecision, Outcome, SearchReport};
 use result::{
-    ConsensusReport, ControlPointReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint, ReasonReport,
+    ConsensusReport, ControlPointReport, CostReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint,
+    ReasonReport,
     RotationResult,
 };
 
@@ -66,7 +67,11 @@ pub fn result(
         diagnosis: diagnosis(&outcome.diagnosis),
         warnings,
         approximation,
+        search: outcome.cost.as_ref().map(cost),
     };
+    if outcome.cost.is_some_and(|cost| cost.search.assumed.height_cut) {
+        result.warnings.push(Warning::height_cut());
+    }
     if let Some(estimate) = outcome.estimate.as_ref().filter(|estimate| is_finite(estimate)) {
         let geocentric_m = frame.to_geocentric(estimate.orientation.projection_centre_m);
         result.projection_centre = Some(Position {
@@ -84,6 +89,23 @@ pub fn result(
         result.configuration = finite(estimate.configuration);
     }
     Ok(result)
+}
+
+fn cost(cost: &Cost) -> CostReport {
+    let SearchReport { assumed, views, control_points, windows, pairs, refined } = cost.search;
+    CostReport {
+        tilt_reach_deg: assumed.tilt_reach_rad.to_degrees(),
+        kappa_reach_deg: assumed.kappa_reach_rad.map(f64::to_degrees),
+        position_reach_m: assumed.position_reach_m,
+        flying_height_m: assumed.flying_height_m,
+        views,
+        control_points,
+        windows,
+        pairs,
+        refined,
+        adjusted: cost.adjusted,
+        megapixels_read: cost.pixels_read as f64 / 1e6,
+    }
 }
 
 fn is_finite(estimate: &Estimate) -> bool {

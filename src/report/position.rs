@@ -37,6 +37,17 @@ pub struct Warning {
 }
 
 impl Warning {
+    /// The stated accuracy of the height allows more than was searched.
+    #[must_use]
+    pub fn height_cut() -> Self {
+        Self {
+            code: "height_cut".to_owned(),
+            detail: "The standard deviation of the height allows flying heights that were not searched: search.flying_height_m \
+                     says which were. Give a better height, or a smaller standard deviation."
+                .to_owned(),
+        }
+    }
+
     /// Heights of a CRS that says nothing about them were taken as ellipsoidal.
     #[must_use]
     pub fn vertical_assumed_ellipsoidal(crs: &str) -> Self {

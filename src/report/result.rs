@@ -40,6 +40,40 @@ pub struct OrientationResult {
     pub warnings: Vec<Warning>,
     /// The approximate orientation that was used, and where it came from.
     pub approximation: ApproximationUsed,
+    /// What was taken for possible about the approximation, and how much was looked at; left out where there was
+    /// nothing to look for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub search: Option<CostReport>,
+}
+
+/// What the search took for possible, and how much was looked at: counts, the same on every machine.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct CostReport {
+    /// omega and phi were searched so far to either side of the approximation.
+    pub tilt_reach_deg: f64,
+    /// kappa so far; left out where the whole circle was searched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kappa_reach_deg: Option<f64>,
+    /// The projection centre so far, east and north.
+    #[schema(value_type = Vec<f64>)]
+    pub position_reach_m: [f64; 2],
+    /// The least and the largest height of the projection centre above the control that was searched.
+    #[schema(value_type = Vec<f64>)]
+    pub flying_height_m: [f64; 2],
+    /// Steps of heading and height under which the control points were looked for.
+    pub views: usize,
+    /// Control points that were looked for in wide windows.
+    pub control_points: usize,
+    /// Wide windows.
+    pub windows: usize,
+    /// Pairs of candidates that agree with the approximation.
+    pub pairs: usize,
+    /// Hypotheses that were refined.
+    pub refined: usize,
+    /// Hypotheses that were adjusted with lines.
+    pub adjusted: usize,
+    /// Pixels of the image that were read, in millions.
+    pub megapixels_read: f64,
 }
 
 /// The rotation of the image.

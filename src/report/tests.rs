@@ -37,6 +37,7 @@ fn outcome() -> Outcome {
     };
     let segment = Segment2 { start: Vector2::new(1.0, 2.0), end: Vector2::new(3.0, 4.0) };
     Outcome {
+        cost: None,
         estimate: Some(Estimate {
             orientation: orientation(),
             covariance: local_covariance(),

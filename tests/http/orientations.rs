@@ -19,6 +19,7 @@ use crate::support::{Answer, Service, json_post, png};
 fn outcome(task: &Task) -> Outcome {
     let segment = Segment2 { start: Vector2::new(10.0, 10.0), end: Vector2::new(50.0, 10.0) };
     Outcome {
+        cost: None,
         estimate: Some(Estimate {
             orientation: task.approximation.orientation,
             covariance: Matrix6::identity() * 1e-4,
