@@ -234,16 +234,21 @@ impl<'a> Scenery<'a> {
     fn tile_light(&self, tile: &Tile, part: &Part<'_>) -> Vec<f32> {
         let (sight, in_sun) = self.sight(tile, part);
         let rays = tile.rays_per_pixel;
-        let pixels = sight.surface.chunks(rays).zip(in_sun.chunks(rays)).zip(sight.point_m.chunks(rays));
         // the ground is so smooth that between the corners of a tile the sun's light on it is linear
         let [a, b, c, d] = tile.ground_corners_m.map(|place| self.shading.sun_on_ground(place));
         let share = |at: usize| (at as f32 + 0.5) / TILE_PX as f32;
-        let light = |(number, ((surfaces, in_sun), points)): (usize, ((&[Surface], &[bool]), &[Vector3<f64>]))| {
+        let light = |number: usize| {
+            let own = number * rays..(number + 1) * rays;
             let (right, down) = (share(number % TILE_PX), share(number / TILE_PX));
             let (top, bottom) = (a + (b - a) * right, c + (d - c) * right);
-            self.pixel_light(surfaces, in_sun, points, top + (bottom - top) * down)
+            self.pixel_light(
+                &sight.surface[own.clone()],
+                &in_sun[own.clone()],
+                &sight.point_m[own],
+                top + (bottom - top) * down,
+            )
         };
-        pixels.enumerate().map(light).collect()
+        (0..TILE_PX * TILE_PX).map(light).collect()
     }
 
     /// What the rays of the tile at a corner meet, and whether the sun reaches it.
