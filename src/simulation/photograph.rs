@@ -234,8 +234,21 @@ impl<'a> Scenery<'a> {
     fn tile_light(&self, tile: &Tile, part: &Part<'_>) -> Vec<f32> {
         let (sight, in_sun) = self.sight(tile, part);
         let rays = tile.rays_per_pixel;
-        let pixels = sight.surface.chunks(rays).zip(in_sun.chunks(rays)).zip(sight.point_m.chunks(rays));
-        pixels.map(|((surfaces, in_sun), points)| self.pixel_light(surfaces, in_sun, points)).collect()
+        // the ground is so smooth that between the corners of a tile the sun's light on it is linear
+        let [a, b, c, d] = tile.ground_corners_m.map(|place| self.shading.sun_on_ground(place));
+        let share = |at: usize| (at as f32 + 0.5) / TILE_PX as f32;
+        let light = |number: usize| {
+            let own = number * rays..(number + 1) * rays;
+            let (right, down) = (share(number % TILE_PX), share(number / TILE_PX));
+            let (top, bottom) = (a + (b - a) * right, c + (d - c) * right);
+            self.pixel_light(
+                &sight.surface[own.clone()],
+                &in_sun[own.clone()],
+                &sight.point_m[own],
+                top + (bottom - top) * down,
+            )
+        };
+        (0..TILE_PX * TILE_PX).map(light).collect()
     }
 
     /// What the rays of the tile at a corner meet, and whether the sun reaches it.
@@ -246,7 +259,10 @@ impl<'a> Scenery<'a> {
     }
 
     /// The mean over the rays of a pixel; rays that meet the same surface in the same light are shaded together.
-    fn pixel_light(&self, surfaces: &[Surface], in_sun: &[bool], points: &[Vector3<f64>]) -> f32 {
+    fn pixel_light(&self, surfaces: &[Surface], in_sun: &[bool], points: &[Vector3<f64>], sun_on_ground: f32) -> f32 {
+        if let ([surface], [in_sun], [point]) = (surfaces, in_sun, points) {
+            return self.shading.grey(*surface, point, *in_sun, sun_on_ground);
+        }
         let key = |ray: usize| (surfaces[ray], in_sun[ray]);
         let mut light = 0.0;
         for ray in 0..points.len() {
@@ -255,7 +271,7 @@ impl<'a> Scenery<'a> {
             }
             let alike = (ray..points.len()).filter(|&other| key(other) == key(ray));
             let (sum, count) = alike.fold((Vector3::zeros(), 0.0), |(sum, n), other| (sum + points[other], n + 1.0));
-            light += count as f32 * self.shading.grey(surfaces[ray], &(sum / count), in_sun[ray]);
+            light += count as f32 * self.shading.grey(surfaces[ray], &(sum / count), in_sun[ray], sun_on_ground);
         }
         light / points.len() as f32
     }

@@ -1,6 +1,6 @@
 //! From what a ray meets to a grey value: albedo, texture, sun and sky.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use super::draws::{floor_and_rest, value_noise};
 use super::surface::{Face, Material};
@@ -47,16 +47,16 @@ impl<'a> Shading<'a> {
         Self { town, faces, sun, texture: texture as f32 }
     }
 
-    /// The grey value of a point of a surface.
-    pub(crate) fn grey(&self, surface: Surface, point_m: &Vector3<f64>, in_sun: bool) -> f32 {
+    /// The grey value of a point of a surface; `sun_on_ground` is that of [`Self::sun_on_ground`] there.
+    pub(crate) fn grey(&self, surface: Surface, point_m: &Vector3<f64>, in_sun: bool, sun_on_ground: f32) -> f32 {
         let light = |from_sun: f32, from_sky: f32| from_sky + if in_sun { from_sun } else { 0.0 };
         let brightness = match surface {
             Surface::Meadow => {
-                self.on_ground(&Material::grass(0.4), 1, point_m) * light(self.on_level(point_m), SKY_SHARE as f32)
+                self.on_ground(&Material::grass(0.4), 1, point_m) * light(sun_on_ground, SKY_SHARE as f32)
             }
             Surface::Patch(index) => {
                 let material = &self.town.patches[index as usize].material;
-                self.on_ground(material, index + 2, point_m) * light(self.on_level(point_m), SKY_SHARE as f32)
+                self.on_ground(material, index + 2, point_m) * light(sun_on_ground, SKY_SHARE as f32)
             }
             Surface::Face(index) => {
                 let lit = &self.faces[index as usize];
@@ -76,9 +76,9 @@ impl<'a> Shading<'a> {
         HAZE_GREY + WHITE_GREY * brightness
     }
 
-    /// The sun's light on the ground.
-    fn on_level(&self, point_m: &Vector3<f64>) -> f32 {
-        (self.town.terrain.normal(point_m.xy()).dot(&self.town.to_sun).max(0.0) * self.sun) as f32
+    /// The sun's light on the ground at a place.
+    pub(crate) fn sun_on_ground(&self, plan_m: Vector2<f64>) -> f32 {
+        (self.town.terrain.normal(plan_m).dot(&self.town.to_sun).max(0.0) * self.sun) as f32
     }
 
     fn on_ground(&self, material: &Material, seed: u32, point_m: &Vector3<f64>) -> f32 {

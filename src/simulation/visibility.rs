@@ -220,7 +220,8 @@ pub(crate) struct Tile {
     shift_px: Bounds,
     /// At every fourth pixel, exactly: the ideal point, and 1 / depth of the ground on its ray.
     nodes: Vec<Vector3<f64>>,
-    ground_corners_m: [Vector2<f64>; 4],
+    /// Where the corners of the tile are on the ground, row by row.
+    pub(crate) ground_corners_m: [Vector2<f64>; 4],
     principal_distance_px: f64,
 }
 

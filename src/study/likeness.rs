@@ -415,7 +415,7 @@ mod tests {
 
     #[test]
     fn blur_is_that_of_the_lens_and_of_sampling() {
-        for lens_px in [1.2, 2.0] {
+        for lens_px in [1.2_f64, 2.0] {
             let scene = clean(lens_px);
             let likeness = measured(&scene, &scene.control_points());
             assert!(likeness.blur_cells.len() >= 20, "{}", likeness.blur_cells.len());
@@ -423,7 +423,7 @@ mod tests {
             let lens_cells = lens_px / 2.0;
             // the cell's own square, the interpolation between cells, and the step of the profile
             let sampling = 1.0 / 12.0 + 1.0 / 6.0 + 1.0 / 12.0 / f64::from(PROFILE_STEPS).powi(2);
-            let expected = f64::from(lens_cells * lens_cells + sampling).sqrt();
+            let expected = (lens_cells * lens_cells + sampling).sqrt();
             let found = median(&likeness.blur_cells);
             assert!((found / expected - 1.0).abs() < 0.15, "{found} for {expected}");
         }

@@ -75,22 +75,22 @@ const GOOD: Distributions = Distributions {
 };
 
 const POOR: Distributions = Distributions {
-    control: [0.06, 0.25],
-    aim_spread_m: [30.0, 120.0],
-    outdated: [0.15, 0.35],
-    gone: [0.03, 0.12],
-    missing_edges: [0.1, 0.5],
+    control: [0.15, 0.4],
+    aim_spread_m: [20.0, 90.0],
+    outdated: [0.1, 0.25],
+    gone: [0.02, 0.08],
+    missing_edges: [0.1, 0.4],
     shift_px: 1.3,
     edge_px: 0.9,
     blur_px: [1.4, 2.2],
     noise_grey: [3.0, 7.0],
-    clearness: [0.35, 0.75],
-    sun_elevation_deg: [12.0, 35.0],
-    trees: [1.2, 3.0],
+    clearness: [0.4, 0.8],
+    sun_elevation_deg: [15.0, 40.0],
+    trees: [1.0, 2.2],
     winter: 0.4,
-    share_alike: [0.3, 0.8],
+    share_alike: [0.2, 0.6],
     sigma_tilt_deg: [1.5, 3.0],
-    wild: 0.05,
+    wild: 0.04,
 };
 
 impl Mixture {
