@@ -21,7 +21,7 @@ const PAIRED: usize = 260;
 const PAIR_GATE: f64 = 18.4 + REACH_SIGMAS * REACH_SIGMAS;
 /// A pair whose sum of squares exceeds the gate by this factor after one linear step will not come below it: what
 /// curvature adds over a step of a few degrees is less than the gate itself.
-const HOPELESS: f64 = 4.0;
+const HOPELESS: f64 = 2.0;
 /// The best pairs, to which further control points are joined.
 const GROWN: usize = 300;
 const PEAKS_OF_A_WINDOW: usize = 10;
