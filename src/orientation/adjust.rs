@@ -3,18 +3,19 @@
 //! Observed are the distances of a segment's ends from the projected edge, with the segment's covariance and the
 //! uncertainty of the edge's own ends. Nothing is observed along the edge: where a segment ends says little about
 //! where the edge ends (on real photographs the ends, even released one by one as in Schickler, made the result
-//! worse), and so a part of an edge serves as well as the whole. What the edges of one building have in common, an
-//! error of the model or a gutter taken for the rim of the roof, is an unknown shift of the building in the image with
-//! a prior: so a building of thirty edges does not outvote three of five.
+//! worse), and so a part of an edge serves as well as the whole. What the edges of one building have in common is an
+//! unknown shift of the building with a prior (`shifts`): so a building of thirty edges does not outvote three of five,
+//! nor a row of neighbours a single one elsewhere.
 
-use nalgebra::{Matrix2, Matrix2x6, Matrix6, Matrix6x2, RowVector2, Vector2, Vector6};
+use nalgebra::{DMatrix, Matrix2, Matrix2x6, Matrix6, RowVector2, Vector2};
 
 use super::ControlPoint;
 use super::extract::ObservedSegment;
 use super::matching::Match;
 use super::predict::Prediction;
+use super::shifts::{self, BuildingEquations, Reduced, ShiftPrior};
+use crate::estimation::Prior;
 use crate::estimation::robust::Weighting;
-use crate::estimation::{NormalEquations, Prior};
 use crate::geometry::{Camera, ExteriorOrientation};
 
 /// What a building takes to the adjustment.
@@ -66,15 +67,15 @@ impl Adjustment {
     }
 }
 
-/// Standard deviation of the shift that all edges of a building share, beside that of its coordinates: 1 to 3 px
-/// were seen on real photographs (`../shared/bench/README.md`).
-pub const SIGMA_SHIFT_PX: f64 = 1.0;
-/// Which of the lines along the rim of a roof was measured as the edge, and which one the image shows, adds to the
-/// stated accuracy of the coordinates.
-const EDGE_DEFINITION: f64 = 1.5;
-/// That much of the variance of an edge is a shift of the whole edge (the gutter, not the rim); the rest is each end's
-/// own.
-const SHIFT_OF_THE_EDGE: f64 = 0.5;
+/// Variance of an edge beside its building's shift: that of the whole edge (the gutter, not the rim), and that of each
+/// of its ends. Measured under the reference orientations of `../shared/bench`: the lines of 1200 edges lie 0.5 to
+/// 1.1 px off, whether 0.4 or 1.8 px is stated for their coordinates, and their ends differ by 0.5 to 1 px.
+const WHOLE_EDGE_PX2: f64 = 0.45;
+const END_PX2: f64 = 0.1;
+/// What is stated for the coordinates is shared: half of the variance is the building's ([`super::shifts`]), a quarter
+/// each the edge's and the end's.
+const SHARE_OF_THE_EDGE: f64 = 0.25;
+const SHARE_OF_THE_END: f64 = 0.25;
 /// The weights from step to step (method 1.4).
 const STEPS: [Weighting; 8] = [
     Weighting::Convex,
@@ -103,25 +104,29 @@ impl Model<'_> {
     /// Adjusts from `start`; `None` if the parameters are not determined.
     #[must_use]
     pub fn adjust(&self, buildings: Vec<Building>, start: &ExteriorOrientation) -> Option<Adjustment> {
+        let shift_prior = self.shift_prior(&buildings, start)?;
         let mut orientation = *start;
         let mut buildings = buildings;
         for weighting in STEPS {
             let linear = self.linearised(&buildings, &orientation, weighting);
-            let step = self.equations(&linear, &orientation).solve()?;
+            let (_, reduced) = self.reduced(&shift_prior, &buildings, &linear, &orientation)?;
+            let step = reduced.equations.solve()?;
             orientation = orientation.moved(&step);
-            for (building, own) in buildings.iter_mut().zip(&linear) {
-                building.shift_px += own.shift_step(&step)?;
+            for (building, step) in buildings.iter_mut().zip(reduced.shift_steps(&step)) {
+                building.shift_px += step;
             }
         }
         let linear = self.linearised(&buildings, &orientation, Weighting::Rejecting);
-        let equations = self.equations(&linear, &orientation);
+        let (information, reduced) = self.reduced(&shift_prior, &buildings, &linear, &orientation)?;
         let away = orientation.step_to(&self.prior.orientation);
-        let squares = linear.iter().map(|l| l.squares).sum::<f64>() + away.dot(&(self.prior.information * away));
+        let squares = linear.iter().map(|l| l.squares).sum::<f64>()
+            + shifts::squares(&information, &shifts_px(&buildings))
+            + away.dot(&(self.prior.information * away));
         // the shifts are as many unknowns as their priors are observations, and so are the six parameters
         let redundancy = linear.iter().map(|l| l.observations).sum::<usize>();
         Some(Adjustment {
             orientation,
-            covariance: equations.inverse()?,
+            covariance: reduced.equations.inverse()?,
             squares,
             redundancy,
             kept: linear.into_iter().map(|l| l.kept).collect(),
@@ -129,31 +134,37 @@ impl Model<'_> {
         })
     }
 
+    fn shift_prior(&self, buildings: &[Building], at: &ExteriorOrientation) -> Option<ShiftPrior> {
+        let control = || buildings.iter().map(|building| &self.control[building.control_point]);
+        let places: Option<Vec<_>> = control().map(|point| at.reduced_px(1.0, point.reference_m)).collect();
+        let sigmas_px: Vec<f64> = control().map(|point| sigma_control_px(self.camera, point, at)).collect();
+        Some(ShiftPrior::new(&places?, &sigmas_px))
+    }
+
+    /// The information on the shifts, and the normal equations of the six parameters.
+    fn reduced(
+        &self,
+        shift_prior: &ShiftPrior,
+        buildings: &[Building],
+        linear: &[Linear],
+        at: &ExteriorOrientation,
+    ) -> Option<(DMatrix<f64>, Reduced)> {
+        let shifts_px = shifts_px(buildings);
+        let information = shift_prior.information(&shifts_px)?;
+        let of_buildings: Vec<BuildingEquations> = linear.iter().map(|l| l.equations.clone()).collect();
+        let mut reduced = shifts::eliminated(&of_buildings, &information, &shifts_px)?;
+        reduced.equations.add_prior(self.prior, at);
+        Some((information, reduced))
+    }
+
     fn linearised(&self, buildings: &[Building], at: &ExteriorOrientation, weighting: Weighting) -> Vec<Linear> {
         buildings.iter().map(|building| self.linear(building, at, weighting)).collect()
     }
 
-    fn equations(&self, linear: &[Linear], at: &ExteriorOrientation) -> NormalEquations {
-        let mut equations = NormalEquations::new();
-        equations.add_prior(self.prior, at);
-        for building in linear {
-            building.reduce_into(&mut equations);
-        }
-        equations
-    }
-
-    /// Standard deviation in the image of the edges of a control point.
-    fn sigma_model_px(&self, control_point: &ControlPoint, at: &ExteriorOrientation) -> f64 {
-        let depth_m = -at.camera_coordinates(control_point.reference_m).z;
-        EDGE_DEFINITION * control_point.sigma_m * self.camera.principal_distance_px / depth_m.max(1.0)
-    }
-
     fn linear(&self, building: &Building, at: &ExteriorOrientation, weighting: Weighting) -> Linear {
         let control_point = &self.control[building.control_point];
-        let sigma_model_px = self.sigma_model_px(control_point, at);
-        // the stated accuracy of the coordinates moves the building as a whole as well
-        let shift_sigma_px = (sigma_model_px / EDGE_DEFINITION).hypot(SIGMA_SHIFT_PX);
-        let mut linear = Linear::with_prior(building.shift_px, shift_sigma_px);
+        let sigma_control_px = sigma_control_px(self.camera, control_point, at);
+        let mut linear = Linear::default();
         let mut pieces = vec![0_u32; control_point.edges_m.len()];
         for found in &building.matches {
             pieces[found.edge] += 1;
@@ -164,8 +175,7 @@ impl Model<'_> {
                 linear.kept.push(false);
                 continue;
             };
-            // the pieces of one edge share its errors: together they count as one
-            let variance = sigma_model_px.powi(2) * f64::from(pieces[found.edge]);
+            let variance = EdgeVariance::of_piece(sigma_control_px, pieces[found.edge]);
             linear.add(&piece, variance, weighting);
         }
         linear
@@ -197,34 +207,47 @@ struct Piece {
     covariance: Matrix2<f64>,
 }
 
-/// The linearised observations of a building: six parameters and its shift.
+/// The stated accuracy of a control point's coordinates, in the image.
+pub(super) fn sigma_control_px(camera: &Camera, control_point: &ControlPoint, at: &ExteriorOrientation) -> f64 {
+    let depth_m = -at.camera_coordinates(control_point.reference_m).z;
+    control_point.sigma_m * camera.principal_distance_px / depth_m.max(1.0)
+}
+
+fn shifts_px(buildings: &[Building]) -> Vec<Vector2<f64>> {
+    buildings.iter().map(|building| building.shift_px).collect()
+}
+
+/// Variances of an edge across itself, px².
+#[derive(Debug, Clone, Copy)]
+struct EdgeVariance {
+    /// Of a shift of the whole edge.
+    whole: f64,
+    /// Of each of its ends.
+    end: f64,
+}
+
+impl EdgeVariance {
+    /// Of one of the pieces in which an edge was found: they share its errors, and together they count as one.
+    fn of_piece(sigma_control_px: f64, pieces: u32) -> Self {
+        let stated = sigma_control_px.powi(2);
+        Self {
+            whole: f64::from(pieces) * (WHOLE_EDGE_PX2 + SHARE_OF_THE_EDGE * stated),
+            end: f64::from(pieces) * (END_PX2 + SHARE_OF_THE_END * stated),
+        }
+    }
+}
+
+/// The linearised observations of a building, and what became of them.
+#[derive(Default)]
 struct Linear {
-    matrix: Matrix6<f64>,
-    right_side: Vector6<f64>,
-    coupling: Matrix6x2<f64>,
-    shift_matrix: Matrix2<f64>,
-    shift_right_side: Vector2<f64>,
+    equations: BuildingEquations,
     squares: f64,
     observations: usize,
     kept: Vec<bool>,
 }
 
 impl Linear {
-    fn with_prior(shift_px: Vector2<f64>, sigma_px: f64) -> Self {
-        let information = sigma_px.powi(-2);
-        Self {
-            matrix: Matrix6::zeros(),
-            right_side: Vector6::zeros(),
-            coupling: Matrix6x2::zeros(),
-            shift_matrix: Matrix2::identity() * information,
-            shift_right_side: -shift_px * information,
-            squares: shift_px.norm_squared() * information,
-            observations: 0,
-            kept: Vec::new(),
-        }
-    }
-
-    fn add(&mut self, piece: &Piece, model_variance: f64, weighting: Weighting) {
+    fn add(&mut self, piece: &Piece, edge: EdgeVariance, weighting: Weighting) {
         let normal = RowVector2::new(-piece.along.y, piece.along.x);
         let mut jacobian = Matrix2x6::zeros();
         let mut model = Matrix2::zeros();
@@ -234,8 +257,7 @@ impl Linear {
             misclosure[row] = (normal * (end - piece.start)).x;
             model.set_row(row, &RowVector2::new(1.0 - at, at));
         }
-        let model = model * model.transpose() * (1.0 - SHIFT_OF_THE_EDGE) + Matrix2::from_element(SHIFT_OF_THE_EDGE);
-        let covariance = piece.covariance + model * model_variance;
+        let covariance = piece.covariance + model * model.transpose() * edge.end + Matrix2::from_element(edge.whole);
         let Some(weights) = covariance.try_inverse() else {
             self.kept.push(false);
             return;
@@ -243,33 +265,15 @@ impl Linear {
         let squares = misclosure.dot(&(weights * misclosure));
         let factor = weighting.factor(squares / 2.0);
         self.kept.push(factor > 0.1);
-        let by_shift = Matrix2::from_rows(&[normal, normal]);
-        let weights = weights * factor;
-        self.matrix += jacobian.transpose() * weights * jacobian;
-        self.right_side += jacobian.transpose() * weights * misclosure;
-        self.coupling += jacobian.transpose() * weights * by_shift;
-        self.shift_matrix += by_shift.transpose() * weights * by_shift;
-        self.shift_right_side += by_shift.transpose() * weights * misclosure;
+        self.equations.add(&jacobian, &Matrix2::from_rows(&[normal, normal]), &misclosure, &(weights * factor));
         self.squares += factor * squares;
         self.observations += if factor > 0.0 { 2 } else { 0 };
-    }
-
-    /// Eliminates the shift.
-    fn reduce_into(&self, equations: &mut NormalEquations) {
-        let Some(inverse) = self.shift_matrix.try_inverse() else { return };
-        equations.matrix += self.matrix - self.coupling * inverse * self.coupling.transpose();
-        equations.right_side += self.right_side - self.coupling * (inverse * self.shift_right_side);
-    }
-
-    /// The step of the shift that belongs to a step of the parameters.
-    fn shift_step(&self, dx: &Vector6<f64>) -> Option<Vector2<f64>> {
-        Some(self.shift_matrix.try_inverse()? * (self.shift_right_side - self.coupling.transpose() * dx))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
+    use nalgebra::{DVector, Matrix6, Vector3, Vector6};
 
     use super::*;
     use crate::estimation::simulated::Draws;
@@ -302,20 +306,32 @@ mod tests {
 
     const SEGMENT_VARIANCE: f64 = 0.02;
 
+    /// Shifts of all buildings as the adjustment assumes them, neighbours alike.
+    fn drawn_shifts_px(control: &[ControlPoint], draws: &mut Draws) -> Vec<Vector2<f64>> {
+        let places: Vec<_> = control.iter().map(|c| truth().reduced_px(1.0, c.reference_m).unwrap()).collect();
+        let sigmas_px: Vec<_> = control.iter().map(|c| sigma_control_px(&camera(), c, &truth())).collect();
+        let covariance = ShiftPrior::new(&places, &sigmas_px).covariance(&vec![Vector2::zeros(); control.len()]);
+        let root = covariance.cholesky().unwrap().unpack();
+        let coordinate = |draws: &mut Draws| &root * DVector::from_fn(control.len(), |_, _| draws.normal());
+        let (x, y) = (coordinate(draws), coordinate(draws));
+        x.iter().zip(&y).map(|(x, y)| Vector2::new(*x, *y)).collect()
+    }
+
     /// The segments of all edges with the errors that the adjustment assumes, scaled by `noise`.
     fn photograph(control: &[ControlPoint], noise: f64, draws: &mut Draws) -> (Vec<ObservedSegment>, Vec<Building>) {
         let (mut observed, mut buildings) = (Vec::new(), Vec::new());
+        let shifts_px = drawn_shifts_px(control, draws);
         for (index, house) in control.iter().enumerate() {
             let depth_m = -truth().camera_coordinates(house.reference_m).z;
             let sigma_m_px = house.sigma_m * C_PX / depth_m;
-            let shift = Vector2::new(draws.normal(), draws.normal()) * (noise * sigma_m_px.hypot(SIGMA_SHIFT_PX));
+            let shift = noise * shifts_px[index];
             let mut matches = Vec::new();
             for (edge, line) in house.edges_m.iter().enumerate() {
-                let whole = SHIFT_OF_THE_EDGE.sqrt() * draws.normal();
+                let variance = EdgeVariance::of_piece(sigma_m_px, 1);
+                let whole = variance.whole.sqrt() * draws.normal();
                 let mut end = |point| {
                     let exact = truth().reduced_px(C_PX, point).unwrap() + shift;
-                    let own = (1.0 - SHIFT_OF_THE_EDGE).sqrt() * draws.normal();
-                    (exact, noise * EDGE_DEFINITION * sigma_m_px * (whole + own))
+                    (exact, noise * (whole + variance.end.sqrt() * draws.normal()))
                 };
                 let ((start, by_start), (stop, by_stop)) = (end(line.start), end(line.end));
                 let across = Segment2 { start, end: stop }.normal();
@@ -370,7 +386,7 @@ mod tests {
         let building = &buildings[3];
         let squares = |step: &Vector6<f64>| {
             let linear = model.linear(building, &truth().moved(step), Weighting::Rejecting);
-            (linear.squares, linear.right_side)
+            (linear.squares, linear.equations.right_side)
         };
         let at = Vector6::new(0.01, 0.02, -0.01, 1e-5, -2e-5, 1e-5);
         let (_, right_side) = squares(&at);

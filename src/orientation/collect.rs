@@ -3,10 +3,11 @@
 
 use nalgebra::Vector2;
 
-use super::adjust::{Adjustment, Building, Model};
+use super::adjust::{Adjustment, Building, Model, sigma_control_px};
 use super::extract::Extraction;
 use super::gate::{Round, Scale};
 use super::matching::{Nearness, matches};
+use super::parallels::resolved;
 use super::predict::{Prediction, edges_on_frame_px};
 use super::search::Search;
 use crate::features::PictureError;
@@ -96,7 +97,9 @@ fn collect(
         let shifted = |e: Segment2| Segment2 { start: e.start + shift, end: e.end + shift };
         let edges = edges_on_frame_px(search.camera, &prediction.orientation, control_point);
         let edges: Vec<Option<Segment2>> = edges.into_iter().map(|edge| edge.map(shifted)).collect();
-        let matches = matches(&edges, extraction.segments(), &collection.nearness);
+        let near = matches(&edges, extraction.segments(), &collection.nearness);
+        let sigma_control_px = sigma_control_px(search.camera, control_point, &prediction.orientation);
+        let matches = resolved(&edges, extraction.segments(), near, sigma_control_px);
         if !matches.is_empty() {
             buildings.push(Building { control_point: found.control_point, matches, shift_px: Vector2::zeros() });
         }

@@ -7,9 +7,11 @@ pub mod gate;
 mod hypotheses;
 pub mod locate;
 pub mod matching;
+pub mod parallels;
 pub mod predict;
 pub mod search;
 pub mod select;
+pub mod shifts;
 mod views;
 
 use nalgebra::Vector3;

@@ -14,12 +14,13 @@ use crate::estimation::{
 use crate::features::Picture;
 use crate::geometry::{Camera, ExteriorOrientation};
 use crate::orientation::ControlPoint;
-use crate::orientation::adjust::{Adjustment, SIGMA_SHIFT_PX};
+use crate::orientation::adjust::Adjustment;
 use crate::orientation::collect::{adjust_with_lines, log_odds};
 use crate::orientation::extract::Extraction;
 use crate::orientation::predict::Prediction;
 use crate::orientation::search::{Found, Hypothesis, Search};
 use crate::orientation::select::{maybe_in_view, well_spread};
+use crate::orientation::shifts::sigma_shift_px;
 
 /// Control points that an image is oriented by, at most: the search costs time for each, and a few dozen that are
 /// well spread say all.
@@ -285,7 +286,7 @@ impl Run<'_> {
         let orientation = &adjustment.orientation;
         let depth_m = (orientation.projection_centre_m.z - height_m).max(1.0);
         let sigma_m = mean(adjustment.held_by().map(|index| search.control[index].sigma_m));
-        let sigma_px = (sigma_m * camera.principal_distance_px / depth_m).hypot(SIGMA_SHIFT_PX);
+        let sigma_px = (sigma_m * camera.principal_distance_px / depth_m).hypot(sigma_shift_px());
         let prior = search.approximation.prior(orientation);
         reference_covariance(camera, orientation, height_m, sigma_px, prior.as_ref())
             .and_then(|reference| lambda_max(&adjustment.covariance, &reference))

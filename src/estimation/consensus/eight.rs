@@ -155,11 +155,11 @@ impl EightOrientations {
         }
         if let Some(prior) = prior {
             let misclosure = self.step_to(prior);
-            for row in 0..6 {
-                for column in row..6 {
-                    triangle[row][column] = triangle[row][column] + Lanes::all(prior.information[row][column]);
+            for (row, information) in triangle.iter_mut().zip(&prior.information) {
+                for (element, information) in row.iter_mut().zip(information) {
+                    *element = *element + Lanes::all(*information);
                 }
-                triangle[row][6] = triangle[row][6] + dot(&prior.information[row].map(Lanes::all), &misclosure);
+                row[6] = row[6] + dot(&information.map(Lanes::all), &misclosure);
             }
         }
         triangle

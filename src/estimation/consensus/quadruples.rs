@@ -53,7 +53,7 @@ pub fn quadruples(
             filled = 0;
         }
     }
-    if filled > 0 && !cancelled() {
+    if filled > 0 {
         search.try_eight(&eight, filled);
     }
     let (_, orientation) = search.best?;
