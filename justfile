@@ -28,6 +28,11 @@ openapi:
     cargo run --release --quiet -- openapi > target/openapi.json
     mv target/openapi.json openapi/gable.json
 
+# ours against the Python peers, row by row (`just bench F1 F9` for some; needs Python 3.11 and the network once)
+bench *rows:
+    test -e target/peers/bin/python || benches/peers/install
+    GABLE_BENCH="{{bench}}" cargo bench -- {{rows}}
+
 # orient the real images of all datasets, with both approximations, and compare with their references
 bench-real:
     #!/usr/bin/env bash

@@ -66,3 +66,20 @@ pub trait Picture: Send + Sync {
     /// [`PictureError`] if the file is damaged there or cannot be read.
     fn window(&self, rect: PixelRect, reduction: u32) -> Result<GreyWindow, PictureError>;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_the_resolution_is_the_mean_of_four_cells() {
+        let grey = (0..15).map(|k| (k * k) as f32).collect();
+        let window = GreyWindow { origin_px: [70, 30], reduction: 2, width: 5, height: 3, grey };
+        let half = window.halved();
+        assert_eq!((half.origin_px, half.reduction, half.width, half.height), ([70, 30], 4, 3, 2));
+        // squares of 0 1 5 6, of 2 3 7 8, of 4 9; of 10 11, of 12 13, of 14
+        assert_eq!(half.grey, [62.0 / 4.0, 126.0 / 4.0, 97.0 / 2.0, 221.0 / 2.0, 313.0 / 2.0, 196.0]);
+        let empty = GreyWindow { origin_px: [0, 0], reduction: 1, width: 0, height: 0, grey: Vec::new() };
+        assert_eq!(empty.halved().grey, Vec::<f32>::new());
+    }
+}

@@ -14,8 +14,7 @@ use crate::geometry::{Crs, CrsError, LocalFrame, rotation};
 use crate::pipeline::{ConsensusResult, ControlPointResult, Cost, Estimate, GroundPrecision, Outcome, SearchReport};
 use result::{
     ConsensusReport, ControlPointReport, CostReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint,
-    ReasonReport,
-    RotationResult,
+    ReasonReport, RotationResult,
 };
 
 /// Where the answer is to be given.

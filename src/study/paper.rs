@@ -6,7 +6,7 @@
 use nalgebra::Vector2;
 
 use crate::diagnosis::{lambda_max, reference_covariance};
-use crate::estimation::{PointObservation, Prior, Resection, quadruples};
+use crate::estimation::{PointObservation, Prior, Resection, Survey, quadruples};
 use crate::features::{Picture, PictureError};
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::orientation::ControlPoint;
@@ -168,7 +168,8 @@ fn oriented_by(points: &[PointObservation], camera: &Camera, prior: &Prior) -> O
     let acceptable =
         |fit: &Resection| lambda_max(&fit.covariance, &reference).is_some_and(|l| l <= LARGEST_CONFIGURATION);
     let c = camera.principal_distance_px;
-    let consensus = quadruples(points, Some(prior), start, c, &acceptable, TOLERANCE_PX, &|| false)?;
+    let survey = Survey { points, prior: Some(prior), start: *start, principal_distance_px: c };
+    let consensus = quadruples(&survey, &acceptable, TOLERANCE_PX, usize::MAX, &|| false)?;
     Some((consensus.resection, consensus.inliers.len()))
 }
 
