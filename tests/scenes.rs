@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panic")]
 
 use gable::diagnosis::{Verdict, d_max_m};
+use gable::geometry::rotation;
 use gable::orientation::ControlPoint;
 use gable::pipeline::{Fault, Observer, Outcome, Stage, Task, Tolerance, orient};
 use gable::simulation::{Photograph, Scene, SceneSettings};
@@ -52,6 +53,40 @@ fn the_same_picture_gives_the_same_answer() {
     let scene = Scene::draw(104, &SceneSettings::default()).unwrap();
     let (picture, control) = (scene.render(), scene.control_points());
     assert_eq!(run(&picture, &control, &task(&scene)), run(&picture, &control, &task(&scene)));
+}
+
+/// However little is known, a village is found: tilt, heading, height and position beyond any one window.
+#[test]
+fn a_poor_approximation_is_searched() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let (picture, control) = (scene.render(), scene.control_points());
+    let truth = scene.true_orientation;
+    let height_m = truth.projection_centre_m.z - scene.ground_height_m();
+    let known = scene.approximation.clone();
+    let mut no_heading = known.clone();
+    no_heading.orientation.camera_from_object = rotation::camera_from_object(0.0, 0.0, 0.0);
+    no_heading.sigma_tilt_rad = 5.0_f64.to_radians();
+    no_heading.sigma_kappa_rad = None;
+    let mut wrong_height = known.clone();
+    wrong_height.orientation.projection_centre_m.z = truth.projection_centre_m.z + height_m / 3.0;
+    wrong_height.sigma_position_m[2] = height_m / 3.0;
+    let mut far_off = known.clone();
+    far_off.orientation.projection_centre_m += Vector3::new(0.3 * height_m, -0.2 * height_m, 0.0);
+    far_off.sigma_position_m = [0.2 * height_m, 0.2 * height_m, known.sigma_position_m[2]];
+    for (name, approximation) in [("heading", no_heading), ("height", wrong_height), ("position", far_off)] {
+        let poor = Task { approximation, ..task(&scene) };
+        let outcome = run(&picture, &control, &poor);
+        let d_max = d_max_gsd(&scene, &outcome);
+        assert!(d_max < TOLERANCE_GSD, "{name}: {d_max} GSD");
+        let cost = outcome.cost.unwrap();
+        let assumed = cost.search.assumed;
+        assert_eq!(assumed.kappa_reach_rad.is_none(), name == "heading");
+        assert!(!assumed.height_cut);
+        assert!(cost.search.windows > cost.search.control_points && cost.search.pairs > 0 && cost.adjusted > 0);
+        // whatever the number of threads
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(alone.install(|| run(&picture, &control, &poor)), outcome, "{name}");
+    }
 }
 
 #[test]
