@@ -6,6 +6,7 @@
 //! (`../shared/design/performance.md`, section 9).
 
 #![allow(clippy::print_stdout, reason = "a bench prints")]
+#![allow(unreachable_pub, reason = "a program of its own: nothing of it can be reached")]
 
 mod clustering;
 mod dataset;

@@ -110,11 +110,14 @@ pub fn bench_ransac(peers: &Peers) -> Result<Vec<Row>> {
     Ok(vec![Row { id: "F6", what, peer_s, ours_s, gate: 12.0, moonshot: 1.5, note }])
 }
 
+/// The projection centres that were found, a scene each.
+type Centres = Vec<Option<Vector3<f64>>>;
+
 fn all_quadruples(
     peers: &Peers,
     method: &str,
     scenes: &[Vec<PointObservation>],
-) -> Result<(Comparison<Vec<Option<Vector3<f64>>>>, String)> {
+) -> Result<(Comparison<Centres>, String)> {
     let folder = folder(scenes)?;
     let mut peer = peers.start_with("resection.py", folder.path(), &[method])?;
     let compared = compare(&mut peer, "", || {
@@ -122,7 +125,7 @@ fn all_quadruples(
             let found = quadruples(&survey(points), &|_| true, TOLERANCE_PX, usize::MAX, &|| false);
             found.map(|found| found.resection.orientation.projection_centre_m)
         });
-        Ok(found.collect::<Vec<_>>())
+        Ok(found.collect::<Centres>())
     })?;
     let theirs = centres(&compared.told).into_iter().filter(|centre| is_right(*centre)).count();
     let ours = compared.made.iter().flatten().filter(|centre| is_right(**centre)).count();

@@ -25,7 +25,12 @@ pub fn bench(peers: &Peers) -> Result<Vec<Row>> {
         // scattered evenly: multiples of the golden ratio and of the square root of two, modulo one
         let place = |k: u32, step: f64| ((f64::from(k) * step).fract() * f64::from(side - SIDE_PX)) as u32;
         let rects: Vec<PixelRect> = (1..=WINDOWS)
-            .map(|k| PixelRect { x: place(k, 1.618_034), y: place(k, 1.414_214), width: SIDE_PX, height: SIDE_PX })
+            .map(|k| PixelRect {
+                x: place(k, 1.618_034),
+                y: place(k, std::f64::consts::SQRT_2),
+                width: SIDE_PX,
+                height: SIDE_PX,
+            })
             .collect();
         let folder = tempfile::tempdir()?;
         let numbers = rects.iter().flat_map(|r| [r.x, r.y, r.width, r.height].map(f64::from));
