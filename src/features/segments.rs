@@ -67,7 +67,7 @@ pub fn line_segments(window: &GreyWindow, detection: &Detection) -> Vec<LineSegm
     let mut regions = Regions::new(&edgels, window.width, window.height, detection.direction_tolerance_rad.cos());
     let mut found = Vec::new();
     let mut members = Vec::new();
-    for seed in strongest_first(&edgels, window.width) {
+    for seed in strongest_first(&edgels) {
         if regions.grow(seed, &mut members) && members.len() as f64 >= detection.least_density * detection.least_length
         {
             straight_pieces(&edgels, &mut members, detection, &mut |fit| found.push(fit.in_file(window)));
@@ -76,33 +76,22 @@ pub fn line_segments(window: &GreyWindow, detection: &Detection) -> Vec<LineSegm
     found
 }
 
-/// Cells along a side of a block: as many as keep its edgels in the processor's cache.
-const BLOCK: u32 = 128;
-
-/// Indices of the edgels, block by block, and in a block by falling gradient, sorted into steps of an eighth of an
-/// octave: an exact order is not needed.
-fn strongest_first(edgels: &[Edgel], width: usize) -> Vec<u32> {
+/// Indices of the edgels by falling gradient, sorted into steps of an eighth of an octave: an exact order is not needed.
+fn strongest_first(edgels: &[Edgel]) -> Vec<u32> {
     const STEPS: usize = 64;
-    let blocks_per_row = width.div_ceil(BLOCK as usize);
-    let place = |e: &Edgel| {
-        let block = (e.row / BLOCK) as usize * blocks_per_row + (e.column / BLOCK) as usize;
-        let step = (STEPS - 1).saturating_sub((e.gradient.max(1.0).log2() * 8.0) as usize);
-        (block * STEPS + step) as u32
-    };
-    let places: Vec<u32> = edgels.iter().map(place).collect();
-    let last = places.iter().max().map_or(0, |last| *last as usize);
-    let mut starts = vec![0_u32; last + 2];
-    for place in &places {
-        starts[*place as usize + 1] += 1;
+    let step = |e: &Edgel| (STEPS - 1).saturating_sub((e.gradient.max(1.0).log2() * 8.0) as usize);
+    let mut starts = [0_usize; STEPS + 1];
+    for e in edgels {
+        starts[step(e) + 1] += 1;
     }
-    for k in 0..=last {
+    for k in 0..STEPS {
         starts[k + 1] += starts[k];
     }
     let mut order = vec![0_u32; edgels.len()];
-    for (index, place) in places.iter().enumerate() {
-        let start = &mut starts[*place as usize];
-        order[*start as usize] = index as u32;
-        *start += 1;
+    for (index, e) in edgels.iter().enumerate() {
+        let place = &mut starts[step(e)];
+        order[*place] = index as u32;
+        *place += 1;
     }
     order
 }
