@@ -165,9 +165,9 @@ impl Model<'_> {
         let control_point = &self.control[building.control_point];
         let sigma_control_px = sigma_control_px(self.camera, control_point, at);
         let mut linear = Linear::default();
-        let mut pieces = vec![0_u32; control_point.edges_m.len()];
+        let mut length_px = vec![0.0; control_point.edges_m.len()];
         for found in &building.matches {
-            pieces[found.edge] += 1;
+            length_px[found.edge] += self.observed[found.segment].length_px;
         }
         for found in &building.matches {
             // an end of the edge behind the camera
@@ -175,7 +175,8 @@ impl Model<'_> {
                 linear.kept.push(false);
                 continue;
             };
-            let variance = EdgeVariance::of_piece(sigma_control_px, pieces[found.edge]);
+            let share = self.observed[found.segment].length_px / length_px[found.edge];
+            let variance = EdgeVariance::of_piece(sigma_control_px, share);
             linear.add(&piece, variance, weighting);
         }
         linear
@@ -227,12 +228,13 @@ struct EdgeVariance {
 }
 
 impl EdgeVariance {
-    /// Of one of the pieces in which an edge was found: they share its errors, and together they count as one.
-    fn of_piece(sigma_control_px: f64, pieces: u32) -> Self {
+    /// Of a piece that is a share of all that was found of an edge: the pieces have its errors in common, and together
+    /// they count as one.
+    fn of_piece(sigma_control_px: f64, share: f64) -> Self {
         let stated = sigma_control_px.powi(2);
         Self {
-            whole: f64::from(pieces) * (WHOLE_EDGE_PX2 + SHARE_OF_THE_EDGE * stated),
-            end: f64::from(pieces) * (END_PX2 + SHARE_OF_THE_END * stated),
+            whole: (WHOLE_EDGE_PX2 + SHARE_OF_THE_EDGE * stated) / share,
+            end: (END_PX2 + SHARE_OF_THE_END * stated) / share,
         }
     }
 }
@@ -327,7 +329,7 @@ mod tests {
             let shift = noise * shifts_px[index];
             let mut matches = Vec::new();
             for (edge, line) in house.edges_m.iter().enumerate() {
-                let variance = EdgeVariance::of_piece(sigma_m_px, 1);
+                let variance = EdgeVariance::of_piece(sigma_m_px, 1.0);
                 let whole = variance.whole.sqrt() * draws.normal();
                 let mut end = |point| {
                     let exact = truth().reduced_px(C_PX, point).unwrap() + shift;
