@@ -37,6 +37,7 @@ fn outcome(task: &Task) -> Outcome {
         }],
         edges: vec![EdgeResult { control_point: 0, projected_px: segment, matched_px: vec![] }],
         ground_precision: vec![],
+        consensus: None,
         diagnosis: Diagnosis {
             verdict: Verdict::Yellow,
             score: 1.0,
