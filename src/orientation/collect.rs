@@ -20,9 +20,6 @@ struct Collection {
     nearness: Nearness,
 }
 
-/// A control point takes part even if its place is not telling by itself: its robustly weighted edges, predicted by
-/// all others, are worth more than nothing.
-const LEAST_LOG_ODDS: f64 = -2.0;
 /// The windows close as the orientation becomes certain; the last round is repeated until nothing changes.
 const COLLECTIONS: [Collection; 3] = [
     collection(3.0, 4.0, 0.07, 5.0, 0.06),
@@ -76,7 +73,7 @@ pub fn adjust_with_lines(
 /// # Errors
 /// [`PictureError`] if the picture cannot be read where control points are expected.
 pub fn log_odds(search: &Search, prediction: &Prediction, extraction: &mut Extraction) -> Result<f64, PictureError> {
-    let located = search.locate_where_predicted(prediction, extraction, COLLECTIONS[2].round, 0.0)?;
+    let located = search.locate_where_predicted(prediction, extraction, COLLECTIONS[2].round)?;
     Ok(located.iter().map(|l| l.log_odds).sum())
 }
 
@@ -87,7 +84,7 @@ fn collect(
     extraction: &mut Extraction,
     collection: Collection,
 ) -> Result<Vec<Building>, PictureError> {
-    let located = search.locate_where_predicted(prediction, extraction, collection.round, LEAST_LOG_ODDS)?;
+    let located = search.locate_where_predicted(prediction, extraction, collection.round)?;
     let mut buildings = Vec::new();
     for found in located {
         let control_point = &search.control[found.control_point];

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::ControlPoint;
 use super::extract::{Extraction, ObservedSegment};
 use super::gate::{Gate, Located, Round, Scale, Seed, largest_sigma};
-use super::locate::{Clustering, Peak, shift_map};
-use super::predict::{Prediction, edges_on_frame_px, on_frame};
+use super::locate::{Clustering, Peak, SHORTEST_EDGE_PX, shift_map};
+use super::predict::{Prediction, edges_on_frame_px};
 use super::search::{Candidate, Hypothesis, Search, WIDE, reach, square};
 use super::views::{Narrowed, REACH_SIGMAS, narrowed};
 use crate::estimation::{PointObservation, Prior, Resection, resect};
@@ -254,7 +254,7 @@ impl Search<'_> {
         self.grown(&seeds, &hypothesis.prediction.orientation, peaks, scale)
     }
 
-    /// The control points that are found where a prediction has them, with log odds of at least `least_log_odds`.
+    /// The control points that are more likely where a prediction has them than not.
     ///
     /// # Errors
     /// [`PictureError`] if the picture cannot be read there.
@@ -263,7 +263,6 @@ impl Search<'_> {
         prediction: &Prediction,
         extraction: &mut Extraction,
         round: Round,
-        least_log_odds: f64,
     ) -> Result<Vec<Located>, PictureError> {
         let windows = self.narrow(prediction, round);
         self.cover(windows.iter(), extraction)?;
@@ -271,23 +270,24 @@ impl Search<'_> {
         let located = peaks.iter().enumerate().filter_map(|(control_point, of_one)| {
             let (peak, log_odds) = self.gate(control_point, prediction, round.scale)?.best(of_one)?;
             let located = Located { control_point, at_px: peak.at_px, sigma_px: round.scale.sigma_px, log_odds };
-            (log_odds >= least_log_odds).then_some(located)
+            (log_odds > 0.0).then_some(located)
         });
         Ok(located.collect())
     }
 
-    /// The windows of all control points on the frame, given by the prediction's covariance.
+    /// The windows of all control points of which something is on the frame, given by the prediction's covariance.
     fn narrow(&self, prediction: &Prediction, round: Round) -> Vec<Narrow> {
         let Scale { cell_px, sigma_px } = round.scale;
         let window = |(control_point, reference): (usize, &ControlPoint)| {
             let (predicted, covariance) = prediction.image_of(self.camera, reference.reference_m, reference.sigma_m)?;
-            if !on_frame(self.camera, predicted, 0.0) {
+            let edges = edges_on_frame_px(self.camera, &prediction.orientation, reference);
+            let edges: Vec<Segment2> = edges.into_iter().flatten().collect();
+            if edges.iter().all(|edge| edge.length() < SHORTEST_EDGE_PX) {
                 return None;
             }
             let sigma = largest_sigma(&covariance).hypot(sigma_px);
             let half_width_px = (WINDOW_SIGMAS * sigma).clamp(LEAST_CELLS * cell_px, WIDEST_PX);
-            let edges = edges_on_frame_px(self.camera, &prediction.orientation, reference);
-            Some(Narrow { control_point, predicted, half_width_px, edges: edges.into_iter().flatten().collect() })
+            Some(Narrow { control_point, predicted, half_width_px, edges })
         };
         self.control.iter().enumerate().filter_map(window).collect()
     }

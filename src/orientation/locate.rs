@@ -48,7 +48,7 @@ pub struct ShiftMap {
 }
 
 /// Model edges shorter than this are left out: a corner of noise would cover them.
-const SHORTEST_EDGE_PX: f64 = 20.0;
+pub(super) const SHORTEST_EDGE_PX: f64 = 20.0;
 /// Share of the edges of a control point that leave a segment in the image: 50 to 70 % were measured on real
 /// photographs (`../shared/bench/README.md` and our detector), less where the control has grown old.
 const SHARE_SEEN: f64 = 0.5;

@@ -94,7 +94,7 @@ pub fn edges_px(
     edges.map(|edge| Some(Segment2 { start: image(edge.start)?, end: image(edge.end)? })).collect()
 }
 
-/// The same, and `None` for an edge whose middle is not on the frame too.
+/// The same, cut to what is on the frame; `None` for an edge of which nothing is.
 #[must_use]
 pub fn edges_on_frame_px(
     camera: &Camera,
@@ -102,7 +102,34 @@ pub fn edges_on_frame_px(
     control_point: &ControlPoint,
 ) -> Vec<Option<Segment2>> {
     let edges = edges_px(camera, orientation, control_point).into_iter();
-    edges.map(|edge| edge.filter(|e| on_frame(camera, e.midpoint(), 0.0))).collect()
+    edges.map(|edge| edge.and_then(|edge| part_on_frame(camera, &edge))).collect()
+}
+
+/// Halvings that find a rim to a part in four thousand of an edge.
+const HALVINGS: usize = 12;
+
+/// The part of a segment that is on the frame. In reduced pixels the rims of the frame are curved, hence the halving.
+fn part_on_frame(camera: &Camera, segment: &Segment2) -> Option<Segment2> {
+    let inside = |p: Vector2<f64>| on_frame(camera, p, 0.0);
+    let Segment2 { start, end } = *segment;
+    if inside(start) && inside(end) {
+        return Some(*segment);
+    }
+    // where both ends are outside, what lies between may still cross the frame
+    let between = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| start.lerp(&end, share));
+    let known = *between.iter().filter(|p| inside(**p)).min_by(|a, b| a.norm().total_cmp(&b.norm()))?;
+    let rim = |outside: Vector2<f64>| {
+        let (mut inner, mut outer) = (known, outside);
+        for _ in 0..HALVINGS {
+            let middle = (inner + outer) / 2.0;
+            if inside(middle) { inner = middle } else { outer = middle }
+        }
+        inner
+    };
+    Some(Segment2 {
+        start: if inside(start) { start } else { rim(start) },
+        end: if inside(end) { end } else { rim(end) },
+    })
 }
 
 #[cfg(test)]
@@ -200,5 +227,24 @@ mod tests {
         let seen = |edges: Vec<Option<Segment2>>| edges.iter().map(Option::is_some).collect::<Vec<_>>();
         assert_eq!(seen(edges_px(&camera, &a.orientation, &point)), [true, true, false]);
         assert_eq!(seen(edges_on_frame_px(&camera, &a.orientation, &point)), [true, false, false]);
+    }
+
+    #[test]
+    fn edges_are_cut_at_the_rims_of_the_frame() {
+        let camera = camera();
+        // the frame reaches from -2000 to 2000 and from -1500 to 1500
+        let cut = |from: [f64; 2], to: [f64; 2]| {
+            part_on_frame(&camera, &Segment2 { start: from.into(), end: to.into() }).map(|part| [part.start, part.end])
+        };
+        let near = |part: Option<[Vector2<f64>; 2]>, expected: [[f64; 2]; 2]| {
+            let part = part.unwrap();
+            for (end, expected) in part.iter().zip(expected) {
+                assert!((end - Vector2::from(expected)).norm() < 2.0, "{part:?} is not {expected:?}");
+            }
+        };
+        near(cut([0.0, 0.0], [100.0, 50.0]), [[0.0, 0.0], [100.0, 50.0]]);
+        near(cut([1900.0, 0.0], [2100.0, 100.0]), [[1900.0, 0.0], [2000.0, 50.0]]);
+        near(cut([-2500.0, 10.0], [2500.0, 10.0]), [[-2000.0, 10.0], [2000.0, 10.0]]);
+        assert!(cut([2001.0, 0.0], [2500.0, 0.0]).is_none());
     }
 }

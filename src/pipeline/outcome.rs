@@ -25,7 +25,7 @@ impl Outcome {
     }
 }
 
-/// All control points of the search that are on the frame, under the adjusted orientation or, without one, under the
+/// All control points of the search that are in view under the adjusted orientation or, without one, under the
 /// approximate one.
 pub(super) fn control_point_results(
     search: &Search,
@@ -35,13 +35,15 @@ pub(super) fn control_point_results(
     in_view(search, adjustment).map(|index| control_point_result(search, adjustment, observed, index)).collect()
 }
 
-/// Indices of the control points that the results speak of, in their order.
+/// Indices of the control points that the results speak of, in their order: those whose reference point is on the frame
+/// and those that took part with the edges that are.
 pub(super) fn in_view(search: &Search, adjustment: Option<&Adjustment>) -> impl Iterator<Item = usize> {
     let orientation = adjustment.map_or(search.approximation.orientation, |a| a.orientation);
     let c = search.camera.principal_distance_px;
     (0..search.control.len()).filter(move |index| {
         let image = orientation.reduced_px(c, search.control[*index].reference_m);
-        image.is_some_and(|p| on_frame(search.camera, p, 0.0))
+        let took_part = || adjustment.is_some_and(|a| a.buildings.iter().any(|b| b.control_point == *index));
+        image.is_some_and(|p| on_frame(search.camera, p, 0.0)) || took_part()
     })
 }
 
