@@ -41,6 +41,7 @@ pub struct Camera {
     pub principal_point_px: Vector2<f64>,
     /// Lens distortion.
     pub distortion: Brown,
+    frame_radius_px: f64,
 }
 
 /// Why a camera cannot be used.
@@ -113,8 +114,10 @@ impl Camera {
         if let Some((name, _)) = named.into_iter().find(|(_, value)| !value.is_finite()) {
             return Err(CameraError::NotFinite { name });
         }
-        let camera = Self { width_px, height_px, principal_distance_px, principal_point_px, distortion };
+        let mut camera =
+            Self { width_px, height_px, principal_distance_px, principal_point_px, distortion, frame_radius_px: 0.0 };
         camera.check_inverse()?;
+        camera.frame_radius_px = camera.farthest_corner_px();
         Ok(camera)
     }
 
@@ -174,6 +177,10 @@ impl Camera {
     /// this radius the polynomial of the distortion says nothing.
     #[must_use]
     pub fn frame_radius_px(&self) -> f64 {
+        self.frame_radius_px
+    }
+
+    fn farthest_corner_px(&self) -> f64 {
         let (w, h) = (f64::from(self.width_px), f64::from(self.height_px));
         [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)]
             .into_iter()

@@ -8,6 +8,7 @@ use std::collections::HashSet;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
+use super::places::Places;
 use crate::features::{Detection, LineSegment, Picture, PictureError, PixelRect, line_segments};
 use crate::geometry::{Camera, Segment2};
 
@@ -42,6 +43,8 @@ pub struct Extraction<'a> {
     fine_reduction: u32,
     tiles_done: HashSet<[u32; 2]>,
     segments: Vec<ObservedSegment>,
+    /// Where those of the fine and of the coarse level are.
+    places: [Places; 2],
 }
 
 impl<'a> Extraction<'a> {
@@ -57,6 +60,7 @@ impl<'a> Extraction<'a> {
             fine_reduction,
             tiles_done: HashSet::new(),
             segments: Vec::new(),
+            places: [0; 2].map(|_| Places::new(camera.frame_radius_px())),
         }
     }
 
@@ -83,7 +87,10 @@ impl<'a> Extraction<'a> {
         }
         let found: Vec<_> = missing.par_iter().map(|tile| self.segments_of(*tile)).collect();
         for of_tile in found {
-            self.segments.extend(of_tile?);
+            for segment in of_tile? {
+                self.places[usize::from(segment.coarse)].add(self.segments.len(), &segment);
+                self.segments.push(segment);
+            }
         }
         Ok(())
     }
@@ -125,6 +132,18 @@ impl<'a> Extraction<'a> {
     #[must_use]
     pub fn segments(&self) -> &[ObservedSegment] {
         &self.segments
+    }
+
+    /// Those with their indices that touch the square about a reduced point with sides of `2 * reach_px`, and some
+    /// others.
+    pub fn near(&self, centre_px: Vector2<f64>, reach_px: f64) -> impl Iterator<Item = (usize, &ObservedSegment)> {
+        let indices = self.places.iter().flat_map(move |level| level.near(centre_px, reach_px));
+        indices.map(|index| (index, &self.segments[index]))
+    }
+
+    /// Of these the ones of the coarse level.
+    pub fn coarse_near(&self, centre_px: Vector2<f64>, reach_px: f64) -> impl Iterator<Item = &ObservedSegment> {
+        self.places[1].near(centre_px, reach_px).map(|index| &self.segments[index])
     }
 
     fn segments_of(&self, [column, row]: [u32; 2]) -> Result<Vec<ObservedSegment>, PictureError> {

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Matrix2x6, Vector2};
 use rayon::prelude::*;
 
 use super::ControlPoint;
-use super::extract::{Extraction, ObservedSegment};
+use super::extract::Extraction;
 use super::gate::{Gate, Located, Round, Scale, Seed, largest_sigma};
 use super::locate::{Clustering, Peak, SHORTEST_EDGE_PX, shift_map};
 use super::predict::{Prediction, edges_on_frame_px};
@@ -27,6 +27,9 @@ const LEAST_CELLS: f64 = 40.0;
 const WIDEST_PX: f64 = 300.0;
 /// The window in standard deviations of the prediction: the gate and a little more.
 const WINDOW_SIGMAS: f64 = 3.4;
+
+/// Hypotheses that predict the same to so many pixels come to the same end.
+const SAME_PX: f64 = 1.0;
 
 const ROUNDS: [Round; 3] = [
     Round { scale: Scale { cell_px: 4.0, sigma_px: 6.0 }, direction_tolerance_rad: 0.10 },
@@ -221,7 +224,8 @@ impl Search<'_> {
     }
 
     /// Hypotheses after predicting, locating and orienting anew, round by round, with windows that close; those that
-    /// nothing speaks for any more are given up. `None` if the search is to end.
+    /// nothing speaks for any more are given up, and so are those that have become the same as a better one. `None` if
+    /// the search is to end.
     pub(super) fn refined(
         &self,
         hypotheses: Vec<Hypothesis>,
@@ -235,12 +239,14 @@ impl Search<'_> {
             }
             let windows: Vec<Vec<Narrow>> = current.par_iter().map(|h| self.narrow(&h.prediction, round)).collect();
             self.cover(windows.iter().flatten(), extraction)?;
-            let segments = extraction.segments();
+            let extraction = &*extraction;
             let refined = current.par_iter().zip(&windows).map(|(hypothesis, windows)| {
-                let peaks = self.located(windows, segments, round);
+                let peaks = self.located(windows, extraction, round);
                 self.regrown(hypothesis, &peaks, round.scale)
             });
             current = refined.collect::<Vec<Option<Hypothesis>>>().into_iter().flatten().collect();
+            current.sort_by(|a, b| b.score.total_cmp(&a.score));
+            current = self.distinct(current, SAME_PX);
         }
         Ok(Some(current))
     }
@@ -266,7 +272,7 @@ impl Search<'_> {
     ) -> Result<Vec<Located>, PictureError> {
         let windows = self.narrow(prediction, round);
         self.cover(windows.iter(), extraction)?;
-        let peaks = self.located(&windows, extraction.segments(), round);
+        let peaks = self.located(&windows, extraction, round);
         let located = peaks.iter().enumerate().filter_map(|(control_point, of_one)| {
             let (peak, log_odds) = self.gate(control_point, prediction, round.scale)?.best(of_one)?;
             let located = Located { control_point, at_px: peak.at_px, sigma_px: round.scale.sigma_px, log_odds };
@@ -303,7 +309,7 @@ impl Search<'_> {
     }
 
     /// The candidates of every control point in its window.
-    fn located(&self, windows: &[Narrow], segments: &[ObservedSegment], round: Round) -> Vec<Vec<Peak>> {
+    fn located(&self, windows: &[Narrow], extraction: &Extraction, round: Round) -> Vec<Vec<Peak>> {
         let mut candidates = vec![Vec::new(); self.control.len()];
         for window in windows {
             let clustering = Clustering {
@@ -312,7 +318,8 @@ impl Search<'_> {
                 direction_tolerance_rad: round.direction_tolerance_rad,
                 fine: true,
             };
-            let map = shift_map(&window.edges, window.predicted, segments, &clustering);
+            let near = extraction.near(window.predicted, window.half_width_px + reach(&window.edges, window.predicted));
+            let map = shift_map(&window.edges, window.predicted, near.map(|(_, segment)| segment), &clustering);
             candidates[window.control_point] = map.peaks(PEAKS_OF_A_WINDOW);
         }
         candidates

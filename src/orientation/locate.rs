@@ -65,10 +65,10 @@ const BESIDE: f32 = 0.6;
 ///
 /// `edges_px` are the projected edges, `predicted_px` the projected reference point, both reduced.
 #[must_use]
-pub fn shift_map(
+pub fn shift_map<'s>(
     edges_px: &[Segment2],
     predicted_px: Vector2<f64>,
-    observed: &[ObservedSegment],
+    observed: impl IntoIterator<Item = &'s ObservedSegment>,
     clustering: &Clustering,
 ) -> ShiftMap {
     let half = (clustering.half_width_px / clustering.cell_px).ceil().max(1.0) as usize;
@@ -78,7 +78,7 @@ pub fn shift_map(
     let reach = edges_px.iter().map(|e| (e.start - predicted_px).norm().max((e.end - predicted_px).norm()));
     let reach = reach.fold(0.0, f64::max) + clustering.half_width_px;
     let near: Vec<Near> = observed
-        .iter()
+        .into_iter()
         .filter(|s| s.coarse || clustering.fine)
         .map(|s| Near {
             middle: s.segment_px.midpoint() - predicted_px,

@@ -31,13 +31,17 @@ const LEAST_OVERLAP: f64 = 0.5;
 const SHORTEST_PX: f64 = 12.0;
 
 /// For each edge that is in view the segments along it: those of the fine level, and where there are none the coarse ones. Each
-/// segment goes to the edge that it is nearest to.
+/// segment goes to the edge that it is nearest to. The segments are given with their indices.
 #[must_use]
-pub fn matches(edges_px: &[Option<Segment2>], observed: &[ObservedSegment], nearness: &Nearness) -> Vec<Match> {
-    let mut found: Vec<Match> = Vec::new();
+pub fn matches<'s>(
+    edges_px: &[Option<Segment2>],
+    observed: impl IntoIterator<Item = (usize, &'s ObservedSegment)>,
+    nearness: &Nearness,
+) -> Vec<Match> {
+    let mut found: Vec<(Match, bool)> = Vec::new();
     let mut of_edge = vec![[false; 2]; edges_px.len()];
     let around = Around::of(edges_px, nearness.distance_px);
-    for (index, segment) in observed.iter().enumerate() {
+    for (index, segment) in observed {
         if segment.length_px < SHORTEST_PX || !around.touches(&segment.segment_px) {
             continue;
         }
@@ -47,11 +51,11 @@ pub fn matches(edges_px: &[Option<Segment2>], observed: &[ObservedSegment], near
         });
         if let Some((best, _)) = candidates.min_by(|a, b| a.1.total_cmp(&b.1)) {
             of_edge[best.edge][usize::from(segment.coarse)] = true;
-            found.push(best);
+            found.push((best, segment.coarse));
         }
     }
-    found.retain(|m| !(observed[m.segment].coarse && of_edge[m.edge][0]));
-    found
+    found.retain(|(found, coarse)| !(*coarse && of_edge[found.edge][0]));
+    found.into_iter().map(|(found, _)| found).collect()
 }
 
 /// Where the segment's ends fall on the edge, and the larger of their distances from it, if it fits.
@@ -124,13 +128,13 @@ pub(super) mod tests {
 
     /// (edge, segment) of all matches.
     fn pairs(edges: &[Option<Segment2>], observed: &[ObservedSegment]) -> Vec<(usize, usize)> {
-        matches(edges, observed, &NEARNESS).iter().map(|m| (m.edge, m.segment)).collect()
+        matches(edges, observed.iter().enumerate(), &NEARNESS).iter().map(|m| (m.edge, m.segment)).collect()
     }
 
     #[test]
     fn pieces_of_an_edge_say_where_they_lie_on_it() {
-        let found =
-            matches(&[Some(level(0.0, 0.0, 100.0))], &[fine(1.0, 10.0, 40.0), fine(-2.0, 90.0, 50.0)], &NEARNESS);
+        let observed = [fine(1.0, 10.0, 40.0), fine(-2.0, 90.0, 50.0)];
+        let found = matches(&[Some(level(0.0, 0.0, 100.0))], observed.iter().enumerate(), &NEARNESS);
         assert_eq!(
             found,
             [Match { edge: 0, segment: 0, at: [0.1, 0.4] }, Match { edge: 0, segment: 1, at: [0.9, 0.5] }]

@@ -8,6 +8,7 @@ mod hypotheses;
 pub mod locate;
 pub mod matching;
 pub mod parallels;
+mod places;
 pub mod predict;
 pub mod search;
 pub mod select;

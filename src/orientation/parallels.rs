@@ -158,7 +158,7 @@ mod tests {
     fn kept(lines: &[Segment2]) -> Vec<usize> {
         let edges: Vec<_> = roof().into_iter().map(Some).collect();
         let segments: Vec<_> = lines.iter().map(|line| observed(*line, false)).collect();
-        let found = matches(&edges, &segments, &NEARNESS);
+        let found = matches(&edges, segments.iter().enumerate(), &NEARNESS);
         assert_eq!(found.len(), lines.len());
         resolved(&edges, &segments, found, 0.3).iter().map(|m| m.segment).collect()
     }
@@ -187,14 +187,14 @@ mod tests {
         // a single edge cannot tell, and its two lines lie as far off as each other
         let edges: Vec<_> = vec![Some(edge)];
         let segments: Vec<_> = both.iter().map(|line| observed(*line, false)).collect();
-        let found = matches(&edges, &segments, &NEARNESS);
+        let found = matches(&edges, segments.iter().enumerate(), &NEARNESS);
         let lines = Lines { all: lines(&edges, &segments, &found), sigma_px: 1.0 };
         assert_eq!((lines.all.len(), lines.all[0].members.len()), (2, 1));
         assert!((lines.log_odds(Vector2::new(0.0, 1.5)) - lines.log_odds(Vector2::new(0.0, -1.5))).abs() < 1e-12);
         // one pixel apart, they are one line
         let near = [moved(&edge, Vector2::new(0.0, -0.5)), moved(&edge, Vector2::new(0.0, 0.5))];
         let segments: Vec<_> = near.iter().map(|line| observed(*line, false)).collect();
-        let found = matches(&edges, &segments, &NEARNESS);
+        let found = matches(&edges, segments.iter().enumerate(), &NEARNESS);
         assert_eq!(resolved(&edges, &segments, found, 0.0).len(), 2);
     }
 

@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::ControlPoint;
-use super::extract::{Extraction, ObservedSegment};
+use super::extract::Extraction;
 use super::gate::{Located, Scale};
 use super::locate::{Clustering, Peak, shift_map};
 use super::predict::{Approximation, Prediction, edges_px, on_frame};
@@ -119,7 +119,7 @@ impl Search<'_> {
             }
             let (paired, pairs) = self.paired(&candidates);
             report.pairs += pairs;
-            let mut starts = self.distinct(paired);
+            let mut starts = self.distinct(paired, DIFFERENT_PX);
             starts.truncate(REFINED);
             report.refined += starts.len();
             let Some(refined) = self.refined(starts, extraction, &|| go_on(SHARE_BEFORE_REFINING))? else {
@@ -131,7 +131,7 @@ impl Search<'_> {
                 break;
             }
         }
-        Ok(Found { hypotheses: self.distinct(hypotheses), report })
+        Ok(Found { hypotheses: self.distinct(hypotheses, DIFFERENT_PX), report })
     }
 
     /// The median height of the control.
@@ -182,7 +182,7 @@ impl Search<'_> {
             })
             .collect();
         extraction.cover_all(&squares)?;
-        let coarse: Vec<ObservedSegment> = extraction.segments().iter().filter(|s| s.coarse).copied().collect();
+        let extraction = &*extraction;
         let peaks = |(window, edges): &(Window, Vec<Segment2>)| {
             let clustering = Clustering {
                 half_width_px: window.half_width_px,
@@ -190,7 +190,9 @@ impl Search<'_> {
                 direction_tolerance_rad: WIDE_DIRECTION_RAD,
                 fine: false,
             };
-            shift_map(edges, window.centre_px, &coarse, &clustering).peaks(PEAKS_OF_A_WINDOW)
+            let reach_px = window.half_width_px + reach(edges, window.centre_px);
+            let coarse = extraction.coarse_near(window.centre_px, reach_px);
+            shift_map(edges, window.centre_px, coarse, &clustering).peaks(PEAKS_OF_A_WINDOW)
         };
         for (k, some) in windows.chunks(WINDOWS_AT_ONCE).enumerate() {
             if !go_on(SHARE_OF_WINDOWS * (k * WINDOWS_AT_ONCE) as f64 / windows.len() as f64) {
@@ -206,11 +208,11 @@ impl Search<'_> {
         Ok(true)
     }
 
-    /// Of hypotheses in order of their score, those that predict differently from all better ones.
-    pub(super) fn distinct(&self, hypotheses: Vec<Hypothesis>) -> Vec<Hypothesis> {
+    /// Of hypotheses in order of their score, those that predict differently from all better ones, by `least_px`.
+    pub(super) fn distinct(&self, hypotheses: Vec<Hypothesis>, least_px: f64) -> Vec<Hypothesis> {
         let mut kept: Vec<Hypothesis> = Vec::new();
         for hypothesis in hypotheses {
-            let same = |other: &Hypothesis| self.difference_px(&hypothesis, other) < DIFFERENT_PX;
+            let same = |other: &Hypothesis| self.difference_px(&hypothesis, other) < least_px;
             if kept.len() < 3 * REFINED && !kept.iter().any(same) {
                 kept.push(hypothesis);
             }

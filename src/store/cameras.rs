@@ -3,6 +3,7 @@
 use chrono::{DateTime, Utc};
 use nalgebra::Vector2;
 use sqlx::FromRow;
+use sqlx::sqlite::SqliteRow;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
@@ -62,17 +63,19 @@ struct Row {
     created_at: DateTime<Utc>,
 }
 
-impl From<Row> for NamedCamera {
-    fn from(row: Row) -> Self {
+impl FromRow<'_, SqliteRow> for NamedCamera {
+    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+        let row = Row::from_row(row)?;
         let Row { k1, k2, k3, p1, p2, b1_px, b2_px, .. } = row;
-        let camera = Camera {
-            width_px: row.width_px,
-            height_px: row.height_px,
-            principal_distance_px: row.principal_distance_px,
-            principal_point_px: Vector2::new(row.principal_point_x_px, row.principal_point_y_px),
-            distortion: Brown { k1, k2, k3, p1, p2, b1_px, b2_px },
-        };
-        Self { id: row.id, name: row.name, camera, created_at: row.created_at }
+        let camera = Camera::new(
+            [row.width_px, row.height_px],
+            row.principal_distance_px,
+            Vector2::new(row.principal_point_x_px, row.principal_point_y_px),
+            Brown { k1, k2, k3, p1, p2, b1_px, b2_px },
+        );
+        // none was stored that could not be used
+        let camera = camera.map_err(|error| sqlx::Error::Decode(error.into()))?;
+        Ok(Self { id: row.id, name: row.name, camera, created_at: row.created_at })
     }
 }
 
@@ -107,11 +110,8 @@ impl Store {
         .execute(&mut *transaction)
         .await?
         .rows_affected();
-        let stored: NamedCamera = sqlx::query_as::<_, Row>("SELECT * FROM cameras WHERE name = ?")
-            .bind(name)
-            .fetch_one(&mut *transaction)
-            .await?
-            .into();
+        let stored: NamedCamera =
+            sqlx::query_as("SELECT * FROM cameras WHERE name = ?").bind(name).fetch_one(&mut *transaction).await?;
         transaction.commit().await?;
         Ok(match (inserted, stored.camera == *camera) {
             (1, _) => Added::New(stored),
@@ -126,12 +126,11 @@ impl Store {
     /// [`StoreError::Database`].
     pub async fn camera(&self, id_or_name: &str) -> Result<Option<NamedCamera>, StoreError> {
         let id = Uuid::try_parse(id_or_name).ok();
-        let row: Option<Row> = sqlx::query_as("SELECT * FROM cameras WHERE id = ? OR name = ?")
+        Ok(sqlx::query_as("SELECT * FROM cameras WHERE id = ? OR name = ?")
             .bind(id)
             .bind(id_or_name)
             .fetch_optional(&self.pool)
-            .await?;
-        Ok(row.map(NamedCamera::from))
+            .await?)
     }
 
     /// At most `limit` cameras, the newest first, those older than `before`.
@@ -139,13 +138,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn cameras(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<NamedCamera>, StoreError> {
-        let rows: Vec<Row> =
-            sqlx::query_as("SELECT * FROM cameras WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2")
-                .bind(before)
-                .bind(limit)
-                .fetch_all(&self.pool)
-                .await?;
-        Ok(rows.into_iter().map(NamedCamera::from).collect())
+        Ok(sqlx::query_as("SELECT * FROM cameras WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2")
+            .bind(before)
+            .bind(limit)
+            .fetch_all(&self.pool)
+            .await?)
     }
 
     /// Removes the camera with this id or name, unless something refers to it.

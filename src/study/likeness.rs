@@ -126,7 +126,7 @@ pub fn measure(image: &Known) -> Result<Likeness, PictureError> {
 fn seen(edges: &[Option<Segment2>], aside: Vector2<f64>, observed: &[ObservedSegment]) -> usize {
     let moved: Vec<_> = edges.iter().map(|e| e.as_ref().map(|e| moved(e, aside))).collect();
     let mut covered = vec![0.0; edges.len()];
-    for m in matches(&moved, observed, &NEAR) {
+    for m in matches(&moved, observed.iter().enumerate(), &NEAR) {
         let [from, to] = m.at.map(|at| at.clamp(0.0, 1.0));
         covered[m.edge] += (to - from).abs();
     }
@@ -154,7 +154,7 @@ fn shift_of(
     let peaks = shift_map(&present, reference, observed, &clustering).peaks(1);
     let mut shift = peaks.first()?.at_px - reference;
     let about: Vec<_> = edges.iter().map(|e| e.as_ref().map(|e| moved(e, shift))).collect();
-    let matched = matches(&about, observed, &ABOUT_SHIFT);
+    let matched = matches(&about, observed.iter().enumerate(), &ABOUT_SHIFT);
     let mut different: Vec<usize> = matched.iter().map(|m| m.edge).collect();
     different.sort_unstable();
     different.dedup();
