@@ -23,6 +23,10 @@ pub struct Approximation {
 /// A heading of which nothing is known enters with the standard deviation of a uniform distribution on the circle.
 const SIGMA_UNKNOWN_KAPPA_RAD: f64 = std::f64::consts::PI / 1.732_050_807_568_877_2;
 
+const ERRING_MORE: f64 = 3.0;
+/// What is stated where the tilt is taken as 0 (the benchmark's `nadir` states 8 degrees), and the position with it.
+const SIGMA_UNKNOWN_TILT_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
+
 impl Approximation {
     /// As an observation of the six parameters. Where nothing is known of kappa, that of `near` is taken, so that
     /// the way from the one to the other is short enough to be linear. `None` for angles at which omega, phi and
@@ -45,6 +49,21 @@ impl Approximation {
         }
         information.fixed_view_mut::<3, 3>(3, 3).copy_from(&theta.try_inverse()?);
         Some(Prior { orientation: ExteriorOrientation { camera_from_object, ..self.orientation }, information })
+    }
+
+    /// The same if it errs three times as much as is stated, as mistaken records and optimistic receivers do; `None`
+    /// if it is so vague that this would allow more than an approximation that knows nothing of the tilt.
+    #[must_use]
+    pub fn erring_more(&self, flying_height_m: f64) -> Option<Self> {
+        let [east, north, _] = self.sigma_position_m;
+        let reach_rad = ERRING_MORE * (self.sigma_tilt_rad + east.max(north) / flying_height_m);
+        let sigma_kappa_rad = ERRING_MORE * self.sigma_kappa_rad?;
+        (reach_rad < SIGMA_UNKNOWN_TILT_RAD).then(|| Self {
+            orientation: self.orientation,
+            sigma_position_m: self.sigma_position_m.map(|sigma| ERRING_MORE * sigma),
+            sigma_tilt_rad: ERRING_MORE * self.sigma_tilt_rad,
+            sigma_kappa_rad: Some(sigma_kappa_rad),
+        })
     }
 }
 
@@ -206,6 +225,19 @@ mod tests {
             ExteriorOrientation { camera_from_object: rotation::camera_from_object(0.1, 0.1, -1.2), ..a.orientation };
         let [omega, phi, kappa] = rotation::angles(&a.prior(&near).unwrap().orientation.camera_from_object);
         assert!((omega - 0.15).abs() < 1e-9 && (phi + 0.2).abs() < 1e-9 && (kappa + 1.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn only_what_is_stated_to_be_good_may_err_more() {
+        let stated = approximation();
+        let more = stated.erring_more(250.0).unwrap();
+        assert_eq!(more.orientation, stated.orientation);
+        assert_eq!(more.sigma_position_m, [6.0, 9.0, 12.0]);
+        assert!((more.sigma_tilt_rad - 0.03).abs() < 1e-12 && (more.sigma_kappa_rad.unwrap() - 0.09).abs() < 1e-12);
+        // 3 m of 50 m are worth a tilt of 3.4 degrees
+        assert_eq!(stated.erring_more(50.0), None);
+        assert_eq!(Approximation { sigma_tilt_rad: 0.06, ..stated.clone() }.erring_more(250.0), None);
+        assert_eq!(Approximation { sigma_kappa_rad: None, ..stated }.erring_more(250.0), None);
     }
 
     #[test]

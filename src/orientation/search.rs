@@ -77,7 +77,7 @@ const PEAKS_OF_A_CONTROL_POINT: usize = 40;
 const LOCATED_AT_ONCE: usize = 12;
 const REFINED: usize = 14;
 /// A hypothesis with such a score needs no more control points to be believed: wrong ones reach half of it.
-const BEYOND_DOUBT: f64 = 40.0;
+pub const BEYOND_DOUBT: f64 = 40.0;
 /// How much of the work is done after the windows, and after the pairs.
 const SHARE_OF_WINDOWS: f64 = 0.7;
 const SHARE_BEFORE_REFINING: f64 = 0.85;

@@ -7,7 +7,7 @@ use super::{
     Approximation, ConsensusResult, Cost, Estimate, Fault, GroundPrecision, Observer, Outcome, Stage, Task, Tolerance,
 };
 use crate::diagnosis::thresholds::{Evidence, Thresholds, judge, not_oriented};
-use crate::diagnosis::{Diagnosis, Features, d_max_m, ground_precision, lambda_max, reference_covariance};
+use crate::diagnosis::{Diagnosis, Features, Verdict, d_max_m, ground_precision, lambda_max, reference_covariance};
 use crate::estimation::{
     Consensus, Guarantee, PointObservation, Prior, Resection, Survey, largest_consistent, quadruples, resect,
 };
@@ -18,7 +18,7 @@ use crate::orientation::adjust::Adjustment;
 use crate::orientation::collect::{adjust_with_lines, log_odds};
 use crate::orientation::extract::Extraction;
 use crate::orientation::predict::Prediction;
-use crate::orientation::search::{Found, Hypothesis, Search};
+use crate::orientation::search::{BEYOND_DOUBT, Found, Hypothesis, Search};
 use crate::orientation::select::{maybe_in_view, well_spread};
 use crate::orientation::shifts::sigma_shift_px;
 
@@ -52,20 +52,41 @@ pub fn orient(
     observer: &dyn Observer,
 ) -> Result<Outcome, Fault> {
     let run = Run { picture, task, observer };
-    run.enter(Stage::Predict, 0.0)?;
-    let in_view = maybe_in_view(control, &task.camera, &task.approximation);
-    let control = well_spread(&in_view, MOST_CONTROL_POINTS);
-    if control.is_empty() {
-        let detail = "no control point lies where this image can look: import control points for this area, or check \
-                      the approximate position";
-        return Ok(Outcome::without_orientation(not_oriented("no_control_in_view", detail.to_owned())));
-    }
-    if task.approximation.prior(&task.approximation.orientation).is_none() {
+    let stated = &task.approximation;
+    if stated.prior(&stated.orientation).is_none() {
         let detail = "the approximate rotation looks along the horizon (phi near 90 degrees), where omega and kappa are \
                       not defined: only images that look down can be oriented";
         return Ok(Outcome::without_orientation(not_oriented("approximation_degenerate", detail.to_owned())));
     }
-    run.with(&control)
+    let first = run.around(control, stated)?;
+    if first.is_found() || first.outcome.diagnosis.verdict != Verdict::Red {
+        return Ok(first.outcome);
+    }
+    // nothing that can be used: the approximation may be worse than it says
+    let height_m = mean(control.iter().map(|point| point.reference_m.z));
+    let Some(erring_more) = stated.erring_more(stated.orientation.projection_centre_m.z - height_m) else {
+        return Ok(first.outcome);
+    };
+    let again = run.around(control, &erring_more)?;
+    Ok(if again.best_score > first.best_score { again.outcome } else { first.outcome })
+}
+
+/// What a search around an approximation led to.
+struct Attempt {
+    outcome: Outcome,
+    /// That of its best hypothesis.
+    best_score: f64,
+}
+
+impl Attempt {
+    fn without_hypothesis(outcome: Outcome) -> Self {
+        Self { outcome, best_score: 0.0 }
+    }
+
+    /// Whether a wrong hypothesis would not have such a score.
+    fn is_found(&self) -> bool {
+        self.best_score > BEYOND_DOUBT / 2.0
+    }
 }
 
 /// What all stages of a run share.
@@ -89,8 +110,18 @@ impl Run<'_> {
         if self.observer.cancelled() { Err(Fault::Cancelled) } else { Ok(()) }
     }
 
-    fn with(&self, control: &[ControlPoint]) -> Result<Outcome, Fault> {
-        let Task { camera, approximation, .. } = self.task;
+    /// With an approximation and the control points that it may have in view.
+    fn around(&self, control: &[ControlPoint], approximation: &Approximation) -> Result<Attempt, Fault> {
+        self.enter(Stage::Predict, 0.0)?;
+        let camera = &self.task.camera;
+        let in_view = maybe_in_view(control, camera, approximation);
+        let control = &well_spread(&in_view, MOST_CONTROL_POINTS);
+        if control.is_empty() {
+            let detail = "no control point lies where this image can look: import control points for this area, or \
+                          check the approximate position";
+            let diagnosis = not_oriented("no_control_in_view", detail.to_owned());
+            return Ok(Attempt::without_hypothesis(Outcome::without_orientation(diagnosis)));
+        }
         let search = Search { camera, control, approximation };
         self.enter(Stage::Extract, 0.05)?;
         let mut extraction = Extraction::new(self.picture, camera, typical_edge_px(control, camera, approximation));
@@ -111,14 +142,17 @@ impl Run<'_> {
         self.enter(Stage::Diagnose, 0.97)?;
         solutions.sort_by(|a: &Solution, b| b.log_odds.total_cmp(&a.log_odds));
         let cost = Some(Cost { search: report, adjusted: promising, pixels_read: extraction.pixels_read() });
+        let best_score = hypotheses.first().map_or(0.0, |best| best.score);
         let Some(best) = solutions.first() else {
-            return Ok(Outcome { cost, ..self.not_found(&search, &hypotheses) });
+            let outcome = Outcome { cost, ..self.not_found(&search, &hypotheses) };
+            return Ok(Attempt { outcome, best_score });
         };
         let adjusted = solutions.iter().skip(1).map(|s| (&s.adjustment.orientation, s.log_odds));
         let not_adjusted = hypotheses[promising..].iter().map(|h| (&h.prediction.orientation, h.score));
         let rivals = adjusted.chain(not_adjusted).filter(|(other, _)| self.differ(&search, best, other));
         let runner_up = rivals.map(|(_, log_odds)| log_odds).fold(0.0, f64::max);
-        Ok(Outcome { cost, ..self.outcome(&search, &extraction, best, runner_up) })
+        let outcome = Outcome { cost, ..self.outcome(&search, &extraction, best, runner_up) };
+        Ok(Attempt { outcome, best_score })
     }
 
     /// Points, then lines.
@@ -263,7 +297,7 @@ impl Run<'_> {
     ) -> Diagnosis {
         let adjustment = &best.adjustment;
         let sigma = ground.iter().map(|g| g.sigma_planimetric_m).fold(0.0, f64::max);
-        let away = search.approximation.prior(&adjustment.orientation).map_or(f64::INFINITY, |prior| {
+        let away = self.task.approximation.prior(&adjustment.orientation).map_or(f64::INFINITY, |prior| {
             let step = adjustment.orientation.step_to(&prior.orientation);
             step.dot(&(prior.information * step))
         });
