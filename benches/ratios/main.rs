@@ -38,6 +38,8 @@ const BENCHES: &[(&str, Bench)] = &[
 ];
 
 fn main() -> Result<()> {
+    // two threads on the two halves of one core would each count the time in which the other has it
+    rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
     let wanted: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
     let peers = match Peers::find() {
         Ok(peers) => peers,

@@ -41,7 +41,7 @@ impl Sum {
             gate: 0.33,
             moonshot: 0.065,
             note: format!(
-                "within the tolerance: Python {} of {images}, ours {} of {images} (the CPU time is that of all threads)",
+                "within the tolerance: Python {} of {images}, ours {} of {images}",
                 self.peer_right, self.ours_right
             ),
         }

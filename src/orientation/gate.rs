@@ -18,7 +18,7 @@ pub struct Located {
 }
 
 /// Squared distance from prediction, in standard deviations, up to which a candidate counts: 99.7 % of a plane.
-const GATE: f64 = 11.6;
+pub(super) const GATE: f64 = 11.6;
 
 /// How finely shifts are told apart.
 #[derive(Debug, Clone, Copy)]

@@ -5,10 +5,10 @@ use rayon::prelude::*;
 
 use super::ControlPoint;
 use super::extract::Extraction;
-use super::gate::{Gate, Located, Round, Scale, Seed, largest_sigma};
+use super::gate::{GATE, Gate, Located, Round, Scale, Seed, largest_sigma};
 use super::locate::{Clustering, Peak, SHORTEST_EDGE_PX, shift_map};
 use super::predict::{Prediction, edges_on_frame_px};
-use super::search::{Candidate, Hypothesis, Search, WIDE, reach, square};
+use super::search::{Candidate, HOPELESSLY_BEHIND, Hypothesis, Search, WIDE, reach, square};
 use super::views::{Narrowed, REACH_SIGMAS, narrowed};
 use crate::estimation::{PointObservation, Prior, Resection, resect};
 use crate::features::PictureError;
@@ -19,6 +19,8 @@ const PAIRED: usize = 260;
 /// Sum of squares of a pair with the prior beyond which they do not belong together: of the four redundant observations
 /// two may show all of the tilt that is believed, the others are within 99.99 %.
 const PAIR_GATE: f64 = 18.4 + REACH_SIGMAS * REACH_SIGMAS;
+/// The gate of a pair is no wider than that of its anchor, but for a change of perspective.
+const REACH_MARGIN: f64 = 1.2;
 /// The best pairs, to which further control points are joined.
 const GROWN: usize = 300;
 const PEAKS_OF_A_WINDOW: usize = 10;
@@ -56,6 +58,8 @@ struct Expected {
     image_px: Vector2<f64>,
     jacobian: Matrix2x6<f64>,
     weight: Matrix2<f64>,
+    /// No candidate farther from where a pair predicts it can belong to that pair, which knows more than its anchor.
+    reach_px: f64,
 }
 
 impl Search<'_> {
@@ -93,10 +97,12 @@ impl Search<'_> {
     /// The pairs of a candidate with others that lie where it predicts them. The second one enters by one step of
     /// sequential adjustment: so near, predicting is linear.
     fn pairs<'s>(&self, anchor: &Anchor, others: impl Iterator<Item = &'s Seed>, peaks: &[Vec<Peak>]) -> Vec<Pair> {
-        let expected: Vec<Option<Expected>> = (0..peaks.len()).map(|k| self.expected(anchor, k)).collect();
+        let located = |k: usize| !peaks[k].is_empty();
+        let expected = |k: usize| if located(k) { self.expected(anchor, k) } else { None };
+        let expected: Vec<Option<Expected>> = (0..peaks.len()).map(expected).collect();
         let others = others.filter(|other| other.control_point != anchor.seed.control_point);
         let pair = |other: &Seed| {
-            let Expected { image_px, jacobian, weight } = expected[other.control_point].as_ref()?;
+            let Expected { image_px, jacobian, weight, .. } = expected[other.control_point].as_ref()?;
             let away = other.peak.at_px - image_px;
             let squares = anchor.squares + away.dot(&(weight * away));
             if squares > PAIR_GATE {
@@ -108,7 +114,7 @@ impl Search<'_> {
                 orientation: anchor.prediction.orientation.moved(&(gain * away)),
                 covariance: covariance - gain * jacobian * covariance,
             };
-            let rating = self.rating(&prediction, peaks) - squares / 2.0;
+            let rating = self.rating(&prediction, &expected, peaks) - squares / 2.0;
             Some(Pair { rating, seeds: [anchor.seed, *other], start: prediction.orientation })
         };
         others.filter_map(pair).collect()
@@ -121,7 +127,8 @@ impl Search<'_> {
             orientation.reduced_px_with_jacobian(self.camera.principal_distance_px, reference_m)?;
         let observed = self.observation(control_point, image_px, WIDE.sigma_px, orientation);
         let open = jacobian * covariance * jacobian.transpose() + Matrix2::identity() * observed.sigma_px.powi(2);
-        Some(Expected { image_px, jacobian, weight: open.try_inverse()? })
+        let reach_px = REACH_MARGIN * largest_sigma(&open) * GATE.sqrt();
+        Some(Expected { image_px, jacobian, weight: open.try_inverse()?, reach_px })
     }
 
     fn fit(&self, seeds: &[Seed], prior: &Prior, start: &ExteriorOrientation, scale: Scale) -> Option<Resection> {
@@ -159,9 +166,15 @@ impl Search<'_> {
         Gate::new(image, covariance, scale)
     }
 
-    /// A quick measure of how much the candidates speak for a prediction.
-    fn rating(&self, prediction: &Prediction, peaks: &[Vec<Peak>]) -> f64 {
+    /// A quick measure of how much the candidates speak for the prediction of a pair.
+    fn rating(&self, prediction: &Prediction, expected: &[Option<Expected>], peaks: &[Vec<Peak>]) -> f64 {
+        let c = self.camera.principal_distance_px;
         let of_one = |(control_point, peaks): (usize, &Vec<Peak>)| {
+            let reach_px = expected[control_point].as_ref()?.reach_px;
+            let image_px = prediction.orientation.reduced_px(c, self.control[control_point].reference_m)?;
+            if peaks.iter().all(|peak| (peak.at_px - image_px).norm_squared() > reach_px * reach_px) {
+                return None;
+            }
             let gate = self.gate(control_point, prediction, WIDE)?;
             // the covariance shrinks with every control point that joins: half of the open cells will be closed
             gate.best(peaks).map(|(_, odds)| (odds + gate.log_open_cells / 2.0).max(0.0))
@@ -215,7 +228,7 @@ impl Search<'_> {
         peaks: &[Vec<Peak>],
         scale: Scale,
     ) -> Option<(Seed, f64)> {
-        let free = (0..peaks.len()).filter(|k| joined.iter().all(|j| j.control_point != *k));
+        let free = (0..peaks.len()).filter(|k| !peaks[*k].is_empty() && joined.iter().all(|j| j.control_point != *k));
         let best = free.filter_map(|control_point| {
             let (peak, odds) = self.gate(control_point, prediction, scale)?.best(&peaks[control_point])?;
             (odds > 0.0).then_some((Seed { control_point, peak }, odds))
@@ -224,7 +237,8 @@ impl Search<'_> {
     }
 
     /// Hypotheses after predicting, locating and orienting anew, round by round, with windows that close; those that
-    /// nothing speaks for any more are given up, and so are those that have become the same as a better one. `None` if
+    /// nothing speaks for any more are given up, and so are those far behind the best and those that have become the same
+    /// as a better one. `None` if
     /// the search is to end.
     pub(super) fn refined(
         &self,
@@ -247,6 +261,8 @@ impl Search<'_> {
             current = refined.collect::<Vec<Option<Hypothesis>>>().into_iter().flatten().collect();
             current.sort_by(|a, b| b.score.total_cmp(&a.score));
             current = self.distinct(current, SAME_PX);
+            let least_score = current.first().map_or(0.0, |best| best.score) - HOPELESSLY_BEHIND;
+            current.retain(|hypothesis| hypothesis.score >= least_score);
         }
         Ok(Some(current))
     }

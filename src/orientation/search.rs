@@ -78,6 +78,8 @@ const LOCATED_AT_ONCE: usize = 12;
 const REFINED: usize = 14;
 /// A hypothesis with such a score needs no more control points to be believed: wrong ones reach half of it.
 pub const BEYOND_DOUBT: f64 = 40.0;
+/// Hypotheses so far behind the best are not looked at any further.
+pub const HOPELESSLY_BEHIND: f64 = 40.0;
 /// How much of the work is done after the windows, and after the pairs.
 const SHARE_OF_WINDOWS: f64 = 0.7;
 const SHARE_BEFORE_REFINING: f64 = 0.85;

@@ -18,16 +18,15 @@ use crate::orientation::adjust::Adjustment;
 use crate::orientation::collect::{adjust_with_lines, log_odds};
 use crate::orientation::extract::Extraction;
 use crate::orientation::predict::Prediction;
-use crate::orientation::search::{BEYOND_DOUBT, Found, Hypothesis, Search};
+use crate::orientation::search::{BEYOND_DOUBT, Found, HOPELESSLY_BEHIND, Hypothesis, Search};
 use crate::orientation::select::{maybe_in_view, well_spread};
 use crate::orientation::shifts::sigma_shift_px;
 
 /// Control points that an image is oriented by, at most: the search costs time for each, and a few dozen that are
 /// well spread say all.
 const MOST_CONTROL_POINTS: usize = 60;
-/// Hypotheses that are adjusted with lines: those whose log odds are not hopelessly behind the best.
+/// Hypotheses that are adjusted with lines.
 const ADJUSTED: usize = 6;
-const HOPELESSLY_BEHIND: f64 = 40.0;
 /// Subsets that the search for the largest consistent set may examine: some 15 ms for an image that needs them all,
 /// where a few thousand do as a rule.
 const MOST_SUBSETS: usize = 200_000;
