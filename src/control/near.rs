@@ -53,7 +53,10 @@ pub async fn around(
     let Some(ground_m) = median_height_m(pool, frame, place, reach).await? else {
         return Ok(Vec::new());
     };
-    let radius_m = view_radius_m(camera, approximation, ground_m).min(reach.farthest_m);
+    // the pipeline may search a second time, wider
+    let erring_more = approximation.erring_more();
+    let widest = erring_more.as_ref().unwrap_or(approximation);
+    let radius_m = view_radius_m(camera, widest, ground_m).min(reach.farthest_m);
     let candidates = sqlite::in_box(pool, GeodeticBox::around_place(place, radius_m), 0, usize::MAX).await?;
     let horizontal_m = |point: &ControlPoint| (point.reference_m - centre_m).xy().norm();
     let mut near: Vec<ControlPoint> = candidates

@@ -172,7 +172,8 @@ impl Votes {
             covered_px[segment.level] += length_px;
         };
         for step in first_step as usize..=last_step as usize {
-            let overlap = shorter.min(reach - from.abs() * step_px);
+            // more than nothing: a cell that is touched must not look as if it were not
+            let overlap = shorter.min(reach - from.abs() * step_px).max(f32::MIN_POSITIVE / BESIDE);
             let nearest = (place >> 32) as usize;
             from += 1.0;
             place += slope;

@@ -61,7 +61,7 @@ pub struct SearchReport {
     pub control_points: usize,
     /// Wide windows.
     pub windows: usize,
-    /// Pairs of candidates that agree with the approximation.
+    /// Pairs of candidates that agree with the approximation, in the end.
     pub pairs: usize,
     /// Hypotheses that were refined.
     pub refined: usize,
@@ -83,8 +83,8 @@ pub const HOPELESSLY_BEHIND: f64 = 40.0;
 /// How much of the work is done after the windows, and after the pairs.
 const SHARE_OF_WINDOWS: f64 = 0.7;
 const SHARE_BEFORE_REFINING: f64 = 0.85;
-/// Windows between two looks at whether to go on.
-const WINDOWS_AT_ONCE: usize = 256;
+/// Views between two looks at whether to go on: their windows are in memory together.
+const VIEWS_AT_ONCE: usize = 4;
 /// Hypotheses that predict the same to so many pixels are the same.
 const DIFFERENT_PX: f64 = 25.0;
 
@@ -113,14 +113,20 @@ impl Search<'_> {
         let mut hypotheses = Vec::new();
         for (k, batch) in batches.enumerate() {
             let go_on = |done: f64| go_on((k as f64 + done) / count);
-            let windows = self.windows(&views, &frame, batch);
             report.control_points += batch.len();
-            report.windows += windows.len();
-            if !self.locate_wide(&windows, extraction, &mut candidates, &go_on)? {
+            for (seen, some) in views.chunks(VIEWS_AT_ONCE).enumerate() {
+                if !go_on(SHARE_OF_WINDOWS * (seen * VIEWS_AT_ONCE) as f64 / views.len() as f64) {
+                    return Ok(Found { hypotheses: Vec::new(), report });
+                }
+                let windows = self.windows(some, &frame, batch);
+                report.windows += windows.len();
+                self.locate_wide(&windows, extraction, &mut candidates)?;
+            }
+            if !go_on(SHARE_OF_WINDOWS) {
                 return Ok(Found { hypotheses: Vec::new(), report });
             }
             let (paired, pairs) = self.paired(&candidates);
-            report.pairs += pairs;
+            report.pairs = pairs;
             let mut starts = self.distinct(paired, DIFFERENT_PX);
             starts.truncate(REFINED);
             report.refined += starts.len();
@@ -143,7 +149,7 @@ impl Search<'_> {
         heights.get(heights.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// The control points that can be in view, first those that are the most distinctive and the likeliest to be.
+    /// The control points, first those that are the most distinctive and the likeliest to be in view.
     fn most_telling_first(&self, views: &[View], frame: &Frame) -> Vec<usize> {
         let Some(view) = views.get(views.len() / 2) else { return Vec::new() };
         let telling = self.control.iter().enumerate().map(|(index, control_point)| {
@@ -155,59 +161,51 @@ impl Search<'_> {
         telling.into_iter().map(|(index, _)| index).collect()
     }
 
-    /// Where the control points may be, with their edges as seen there.
-    fn windows(&self, views: &[View], frame: &Frame, control_points: &[usize]) -> Vec<(Window, Vec<Segment2>)> {
+    /// Where the control points may be, and how far their edges reach from their reference points there.
+    fn windows(&self, views: &[View], frame: &Frame, control_points: &[usize]) -> Vec<(Window, f64)> {
         let of_view = |view: &View| {
             let windows = control_points.iter().flat_map(|k| view.windows(self.camera, frame, (*k, &self.control[*k])));
-            let drawn = windows.map(|window| {
-                let edges = edges_px(self.camera, &window.view, &self.control[window.control_point]);
-                (window, edges.into_iter().flatten().collect())
+            let with_reach = windows.map(|window| {
+                let reach_px = window.half_width_px + reach(&self.drawn(&window), window.centre_px);
+                (window, reach_px)
             });
-            drawn.collect::<Vec<_>>()
+            with_reach.collect::<Vec<_>>()
         };
         views.par_iter().flat_map_iter(of_view).collect()
     }
 
-    /// Adds the candidates in all windows; whether to go on.
+    /// The edges as a window shows them.
+    fn drawn(&self, window: &Window) -> Vec<Segment2> {
+        edges_px(self.camera, &window.view, &self.control[window.control_point]).into_iter().flatten().collect()
+    }
+
+    /// Adds the candidates in all windows.
     fn locate_wide(
         &self,
-        windows: &[(Window, Vec<Segment2>)],
+        windows: &[(Window, f64)],
         extraction: &mut Extraction,
         candidates: &mut [Vec<Candidate>],
-        go_on: &dyn Fn(f64) -> bool,
-    ) -> Result<bool, PictureError> {
-        let squares: Vec<_> = windows
-            .iter()
-            .map(|(window, edges)| {
-                let half_width_px = window.half_width_px + reach(edges, window.centre_px);
-                square(self.camera, window.centre_px, half_width_px)
-            })
-            .collect();
-        extraction.cover_all(&squares)?;
+    ) -> Result<(), PictureError> {
+        let squares = windows.iter().map(|(window, reach_px)| square(self.camera, window.centre_px, *reach_px));
+        extraction.cover_all(&squares.collect::<Vec<_>>())?;
         let extraction = &*extraction;
-        let peaks = |(window, edges): &(Window, Vec<Segment2>)| {
+        let peaks = |(window, reach_px): &(Window, f64)| {
             let clustering = Clustering {
                 half_width_px: window.half_width_px,
                 cell_px: WIDE.cell_px,
                 direction_tolerance_rad: WIDE_DIRECTION_RAD,
                 fine: false,
             };
-            let reach_px = window.half_width_px + reach(edges, window.centre_px);
-            let coarse = extraction.coarse_near(window.centre_px, reach_px);
-            shift_map(edges, window.centre_px, coarse, &clustering).peaks(PEAKS_OF_A_WINDOW)
+            let coarse = extraction.coarse_near(window.centre_px, *reach_px);
+            shift_map(&self.drawn(window), window.centre_px, coarse, &clustering).peaks(PEAKS_OF_A_WINDOW)
         };
-        for (k, some) in windows.chunks(WINDOWS_AT_ONCE).enumerate() {
-            if !go_on(SHARE_OF_WINDOWS * (k * WINDOWS_AT_ONCE) as f64 / windows.len() as f64) {
-                return Ok(false);
-            }
-            let found: Vec<Vec<Peak>> = some.par_iter().map(peaks).collect();
-            for ((window, _), peaks) in some.iter().zip(found) {
-                let peaks = peaks.into_iter().filter(|peak| on_frame(self.camera, peak.at_px, 0.0));
-                candidates[window.control_point].extend(peaks.map(|peak| Candidate { peak, view: window.view }));
-            }
+        let found: Vec<Vec<Peak>> = windows.par_iter().map(peaks).collect();
+        for ((window, _), peaks) in windows.iter().zip(found) {
+            let peaks = peaks.into_iter().filter(|peak| on_frame(self.camera, peak.at_px, 0.0));
+            candidates[window.control_point].extend(peaks.map(|peak| Candidate { peak, view: window.view }));
         }
         candidates.iter_mut().for_each(keep_best);
-        Ok(true)
+        Ok(())
     }
 
     /// Of hypotheses in order of their score, those that predict differently from all better ones, by `least_px`.

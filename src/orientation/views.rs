@@ -7,6 +7,8 @@
 //! view the region of the image in which a control point may lie is cut into windows, and in each window the control
 //! point is drawn as the orientation has it that is the most likely one *if it lies there*.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Matrix2, Vector2};
 
 use super::ControlPoint;
@@ -21,7 +23,7 @@ pub(super) const REACH_SIGMAS: f64 = 4.0;
 const STEPPED_SIGMAS: f64 = 3.0;
 /// A turn up to this to either side leaves the shape of a building as it is, to a cell of shifts; so does the change of
 /// perspective over as wide a part of the field of view.
-pub(super) const HALF_VIEW_RAD: f64 = 5.2 * std::f64::consts::PI / 180.0;
+pub(super) const HALF_VIEW_RAD: f64 = 5.2 * PI / 180.0;
 /// A change of scale up to this, to either side, does the same.
 const HALF_VIEW_SCALE: f64 = 0.1;
 /// A height above the ground that is wrong by more than this factor is not searched: a height is known better, or it is
@@ -67,9 +69,8 @@ pub(super) struct Window {
 /// of the control.
 pub(super) fn views(approximation: &Approximation, control_height_m: f64) -> (Vec<View>, Assumed) {
     let [omega, phi, kappa] = rotation::angles(&approximation.orientation.camera_from_object);
-    let circle = std::f64::consts::PI;
-    let kappa_reach_rad = approximation.sigma_kappa_rad.map(|s| STEPPED_SIGMAS * s).filter(|reach| *reach < circle);
-    let turns = Steps::over([-1.0, 1.0].map(|side| side * kappa_reach_rad.unwrap_or(circle)), HALF_VIEW_RAD);
+    let kappa_reach_rad = approximation.sigma_kappa_rad.map(|s| STEPPED_SIGMAS * s).filter(|reach| *reach < PI);
+    let turns = Steps::over([-1.0, 1.0].map(|side| side * kappa_reach_rad.unwrap_or(PI)), HALF_VIEW_RAD);
     let Heights { stated_m, searched_m, cut } = Heights::of(approximation, control_height_m);
     // scales are cut into equal ratios
     let scales = Steps::over(searched_m.map(f64::ln), HALF_VIEW_SCALE);
@@ -129,7 +130,7 @@ impl View {
         if least.x >= largest.x || least.y >= largest.y {
             return Vec::new();
         }
-        let widest_px = HALF_VIEW_RAD * camera.principal_distance_px;
+        let widest_px = (HALF_VIEW_RAD * camera.principal_distance_px).max(LEAST_WINDOW_PX);
         let columns = Steps::over([least.x, largest.x], widest_px);
         let rows = Steps::over([least.y, largest.y], widest_px);
         let half_width_px = columns.half().max(rows.half()).max(LEAST_WINDOW_PX) + OVERLAP_PX;
@@ -201,12 +202,18 @@ pub(super) struct Narrowed {
 pub(super) fn narrowed(approximation: &Approximation, start: &ExteriorOrientation, control_height_m: f64) -> Narrowed {
     let mut narrowed = approximation.clone();
     let mut log_odds = 0.0;
-    let [omega, phi, _] = rotation::angles(&approximation.orientation.camera_from_object);
-    if approximation.sigma_kappa_rad.is_none() {
+    let [omega, phi, kappa] = rotation::angles(&approximation.orientation.camera_from_object);
+    if approximation.sigma_kappa_rad.is_none_or(|sigma| sigma > HALF_VIEW_RAD) {
         let [_, _, near] = rotation::angles(&start.camera_from_object);
         narrowed.orientation.camera_from_object = rotation::camera_from_object(omega, phi, near);
         narrowed.sigma_kappa_rad = Some(HALF_VIEW_RAD);
-        log_odds += (HALF_VIEW_RAD / std::f64::consts::PI).ln();
+        log_odds += match approximation.sigma_kappa_rad {
+            None => (HALF_VIEW_RAD / PI).ln(),
+            Some(sigma) => {
+                let away = ((near - kappa + PI).rem_euclid(2.0 * PI) - PI) / sigma;
+                (HALF_VIEW_RAD / sigma).ln() - away * away / 2.0
+            }
+        };
     }
     let height_m = start.projection_centre_m.z;
     let sigma_m = approximation.sigma_position_m[2];

@@ -143,6 +143,29 @@ pub struct Cost {
     pub adjusted: usize,
     /// Pixels of the file that were read.
     pub pixels_read: u64,
+    /// Whether it was searched a second time, as if the approximation erred more than it says.
+    pub widened: bool,
+}
+
+impl Cost {
+    /// Of a search and a second, wider one.
+    fn and(&self, wider: &Self) -> Self {
+        let (a, b) = (&self.search, &wider.search);
+        let search = SearchReport {
+            assumed: b.assumed,
+            views: a.views + b.views,
+            control_points: b.control_points,
+            windows: a.windows + b.windows,
+            pairs: a.pairs + b.pairs,
+            refined: a.refined + b.refined,
+        };
+        Self {
+            search,
+            adjusted: self.adjusted + wider.adjusted,
+            pixels_read: self.pixels_read + wider.pixels_read,
+            widened: true,
+        }
+    }
 }
 
 /// All that is known of the image afterwards.

@@ -50,7 +50,7 @@ pub fn orient(
     task: &Task,
     observer: &dyn Observer,
 ) -> Result<Outcome, Fault> {
-    let run = Run { picture, task, observer };
+    let run = Run { picture, task, observer, done: 0.0 };
     let stated = &task.approximation;
     if stated.prior(&stated.orientation).is_none() {
         let detail = "the approximate rotation looks along the horizon (phi near 90 degrees), where omega and kappa are \
@@ -62,13 +62,15 @@ pub fn orient(
         return Ok(first.outcome);
     }
     // nothing that can be used: the approximation may be worse than it says
-    let height_m = mean(control.iter().map(|point| point.reference_m.z));
-    let Some(erring_more) = stated.erring_more(stated.orientation.projection_centre_m.z - height_m) else {
-        return Ok(first.outcome);
-    };
-    let again = run.around(control, &erring_more)?;
-    Ok(if again.best_score > first.best_score { again.outcome } else { first.outcome })
+    let Some(erring_more) = stated.erring_more() else { return Ok(first.outcome) };
+    let again = Run { done: ALMOST_DONE, ..run }.around(control, &erring_more)?;
+    let cost = first.outcome.cost.zip(again.outcome.cost).map(|(first, again)| first.and(&again));
+    let better = if again.best_score > first.best_score { again } else { first };
+    Ok(Outcome { cost, ..better.outcome })
 }
+
+/// Where the progress of a second search begins: the first one was thought to be the only one.
+const ALMOST_DONE: f64 = 0.97;
 
 /// What a search around an approximation led to.
 struct Attempt {
@@ -93,6 +95,8 @@ struct Run<'a> {
     picture: &'a dyn Picture,
     task: &'a Task,
     observer: &'a dyn Observer,
+    /// The share of the work that was done before.
+    done: f64,
 }
 
 /// An orientation that was adjusted with lines.
@@ -105,8 +109,12 @@ struct Solution {
 
 impl Run<'_> {
     fn enter(&self, stage: Stage, fraction: f64) -> Result<(), Fault> {
-        self.observer.progress(stage, fraction);
+        self.progress(stage, fraction);
         if self.observer.cancelled() { Err(Fault::Cancelled) } else { Ok(()) }
+    }
+
+    fn progress(&self, stage: Stage, fraction: f64) {
+        self.observer.progress(stage, self.done + (1.0 - self.done) * fraction);
     }
 
     /// With an approximation and the control points that it may have in view.
@@ -126,7 +134,7 @@ impl Run<'_> {
         let mut extraction = Extraction::new(self.picture, camera, typical_edge_px(control, camera, approximation));
         self.enter(Stage::Locate, 0.1)?;
         let go_on = |done: f64| {
-            self.observer.progress(Stage::Locate, 0.1 + 0.6 * done);
+            self.progress(Stage::Locate, 0.1 + 0.6 * done);
             !self.observer.cancelled()
         };
         let Found { hypotheses, report } = search.run(&mut extraction, &go_on)?;
@@ -138,9 +146,10 @@ impl Run<'_> {
             self.enter(Stage::Adjust, 0.75 + 0.2 * k as f64 / ADJUSTED as f64)?;
             solutions.extend(self.solve(&search, hypothesis, &mut extraction)?);
         }
-        self.enter(Stage::Diagnose, 0.97)?;
+        self.enter(Stage::Diagnose, ALMOST_DONE)?;
         solutions.sort_by(|a: &Solution, b| b.log_odds.total_cmp(&a.log_odds));
-        let cost = Some(Cost { search: report, adjusted: promising, pixels_read: extraction.pixels_read() });
+        let cost =
+            Some(Cost { search: report, adjusted: promising, pixels_read: extraction.pixels_read(), widened: false });
         let best_score = hypotheses.first().map_or(0.0, |best| best.score);
         let Some(best) = solutions.first() else {
             let outcome = Outcome { cost, ..self.not_found(&search, &hypotheses) };
@@ -190,7 +199,9 @@ impl Run<'_> {
                 lambda.is_some_and(|l| l <= ACCEPTABLE_CONFIGURATION)
             };
             let cancelled = || self.observer.cancelled();
-            quadruples(&survey, &acceptable, TOLERANCE_PX, MOST_QUADRUPLES, &cancelled)
+            let found = quadruples(&survey, &acceptable, TOLERANCE_PX, MOST_QUADRUPLES, &cancelled)?;
+            // all quadruples may be complete, but not by the measure of the largest consistent set
+            Some(Consensus { guarantee: Guarantee::Sampled, ..found })
         };
         let all = || {
             let resection = resect(points, Some(prior), &start, principal_distance_px)?;

@@ -71,6 +71,9 @@ pub fn result(
     if outcome.cost.is_some_and(|cost| cost.search.assumed.height_cut) {
         result.warnings.push(Warning::height_cut());
     }
+    if outcome.cost.is_some_and(|cost| cost.widened) {
+        result.warnings.push(Warning::approximation_widened());
+    }
     if let Some(estimate) = outcome.estimate.as_ref().filter(|estimate| is_finite(estimate)) {
         let geocentric_m = frame.to_geocentric(estimate.orientation.projection_centre_m);
         result.projection_centre = Some(Position {

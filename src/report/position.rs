@@ -48,6 +48,19 @@ impl Warning {
         }
     }
 
+    /// It was searched a second time, wider than the stated accuracy of the approximation.
+    #[must_use]
+    pub fn approximation_widened() -> Self {
+        Self {
+            code: "approximation_widened".to_owned(),
+            detail:
+                "Nothing beyond doubt was found within the stated accuracy of the approximation: it was searched a \
+                     second time, as if it erred three times as much. Check the approximation and its standard \
+                     deviations."
+                    .to_owned(),
+        }
+    }
+
     /// Heights of a CRS that says nothing about them were taken as ellipsoidal.
     #[must_use]
     pub fn vertical_assumed_ellipsoidal(crs: &str) -> Self {
