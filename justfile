@@ -33,7 +33,7 @@ bench *rows:
     test -e target/peers/bin/python || benches/peers/install
     GABLE_BENCH="{{bench}}" cargo bench -- {{rows}}
 
-# orient the real images of all datasets, with both approximations, and compare with their references
+# orient the real images of all datasets, with all approximations, and compare with their references
 bench-real:
     #!/usr/bin/env bash
     set -euo pipefail
@@ -47,7 +47,7 @@ bench-real:
             kill -0 $service || { cat "$data/log"; exit 1; }
             sleep 0.2
         done
-        for approximation in attitude nadir; do
+        for approximation in attitude nadir position; do
             echo "== $dataset, $approximation"
             {{bench}}/evaluate --url http://127.0.0.1:8099 --approximation $approximation {{bench}}/$dataset
         done

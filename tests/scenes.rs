@@ -67,13 +67,20 @@ fn a_poor_approximation_is_searched() {
     no_heading.orientation.camera_from_object = rotation::camera_from_object(0.0, 0.0, 0.0);
     no_heading.sigma_tilt_rad = 5.0_f64.to_radians();
     no_heading.sigma_kappa_rad = None;
+    let mut vague_heading = known.clone();
+    let [omega, phi, kappa] = rotation::angles(&truth.camera_from_object);
+    vague_heading.orientation.camera_from_object =
+        rotation::camera_from_object(omega, phi, kappa + 70.0_f64.to_radians());
+    vague_heading.sigma_kappa_rad = Some(45.0_f64.to_radians());
     let mut wrong_height = known.clone();
     wrong_height.orientation.projection_centre_m.z = truth.projection_centre_m.z + height_m / 3.0;
     wrong_height.sigma_position_m[2] = height_m / 3.0;
     let mut far_off = known.clone();
     far_off.orientation.projection_centre_m += Vector3::new(0.3 * height_m, -0.2 * height_m, 0.0);
     far_off.sigma_position_m = [0.2 * height_m, 0.2 * height_m, known.sigma_position_m[2]];
-    for (name, approximation) in [("heading", no_heading), ("height", wrong_height), ("position", far_off)] {
+    let cases =
+        [("heading", no_heading), ("vague heading", vague_heading), ("height", wrong_height), ("position", far_off)];
+    for (name, approximation) in cases {
         let poor = Task { approximation, ..task(&scene) };
         let outcome = run(&picture, &control, &poor);
         let d_max = d_max_gsd(&scene, &outcome);
@@ -88,6 +95,24 @@ fn a_poor_approximation_is_searched() {
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         assert_eq!(alone.install(|| run(&picture, &control, &poor)), outcome, "{name}");
     }
+}
+
+/// A record that errs by ten of the standard deviations that it states.
+#[test]
+fn an_approximation_that_errs_more_than_it_says_is_searched_again_and_contradicted() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let mut approximation = scene.approximation.clone();
+    let [omega, phi, kappa] = rotation::angles(&scene.true_orientation.camera_from_object);
+    let off = 5.0_f64.to_radians();
+    approximation.orientation.camera_from_object = rotation::camera_from_object(omega + off, phi - off, kappa);
+    approximation.sigma_tilt_rad = 0.5_f64.to_radians();
+    let task = Task { approximation, ..task(&scene) };
+    let outcome = run(&scene.render(), &scene.control_points(), &task);
+    let d_max = d_max_gsd(&scene, &outcome);
+    assert!(d_max < TOLERANCE_GSD, "{d_max} GSD");
+    assert!(outcome.cost.unwrap().widened);
+    assert_eq!(outcome.diagnosis.reasons[0].code, "contradicts_approximation");
+    assert_ne!(outcome.diagnosis.verdict, Verdict::Green);
 }
 
 #[test]

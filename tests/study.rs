@@ -78,3 +78,30 @@ fn a_study_that_was_killed_goes_on_and_ends_like_one_that_was_not() {
     assert!(!refused.status.success() && message.contains("it is of the mixture good"), "{message}");
     assert_eq!(rows(&killed), after);
 }
+
+#[test]
+fn rows_of_unknown_origin_are_not_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("rows.csv"), "seed\n1\n").unwrap();
+    let output = run(folder.path(), "good", 1);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && said.contains("study.json"), "{said}");
+    assert_eq!(std::fs::read_to_string(folder.path().join("rows.csv")).unwrap(), "seed\n1\n");
+    assert!(!folder.path().join("study.json").exists());
+}
+
+#[test]
+fn one_run_at_a_time_works_in_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = simulate(folder.path(), "good", 50).spawn().unwrap();
+    let patience = Instant::now() + Duration::from_secs(300);
+    while !folder.path().join("rows.csv").exists() {
+        assert!(Instant::now() < patience, "nothing is written");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let second = run(folder.path(), "good", 50);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    let said = String::from_utf8_lossy(&second.stderr).into_owned();
+    assert!(!second.status.success() && said.contains("another run"), "{said}");
+}

@@ -62,6 +62,7 @@ pub fn bench(peers: &Peers) -> Result<Vec<Row>> {
         ours_s: compared.ours_s,
         gate: 0.04,
         moonshot: 0.01,
+        as_good: off < 1.0,
         note: format!("shift {SHIFT:?}: NumPy finds {}, ours is off by {off:.2} cells", compared.told["shift"]),
     }])
 }

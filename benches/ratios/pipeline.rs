@@ -40,6 +40,7 @@ impl Sum {
             ours_s: self.ours_s / images,
             gate: 0.33,
             moonshot: 0.065,
+            as_good: self.ours_right >= self.peer_right,
             note: format!(
                 "within the tolerance: Python {} of {images}, ours {} of {images}",
                 self.peer_right, self.ours_right

@@ -14,15 +14,18 @@ pub struct Row {
     pub ours_s: f64,
     pub gate: f64,
     pub moonshot: f64,
+    /// Whether the results are as good as they must be for the times to be compared.
+    pub as_good: bool,
     /// What the results have in common or not.
     pub note: String,
 }
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { id, what, peer_s, ours_s, gate, moonshot, note } = self;
+        let Self { id, what, peer_s, ours_s, gate, moonshot, as_good, note } = self;
         let ratio = ours_s / peer_s;
         let held = match ratio {
+            _ if !as_good => "RESULTS NOT AS GOOD",
             r if r <= *moonshot => "moonshot held",
             r if r <= *gate => "gate held",
             _ => "GATE MISSED",

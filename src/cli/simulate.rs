@@ -49,10 +49,10 @@ In each folder of a scene, the same for the same seed and settings on every mach
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Simulate {
     /// Seed of the first scene; the others have those that follow.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=u64::MAX / 2))]
     seed: u64,
     /// Scenes to write or to study; each is one photograph of a town of its own.
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     images: u64,
     /// Folder for the folders of the scenes, or for the study. [default: scenes, or study-MIXTURE]
     #[arg(long, value_name = "FOLDER")]
@@ -64,7 +64,7 @@ pub(crate) struct Simulate {
     #[arg(long, value_enum, conflicts_with = "settings")]
     mixture: Option<MixtureName>,
     /// Instead measure how like the mixture is to a dataset of real photographs.
-    #[arg(long, value_name = "FOLDER", requires = "mixture")]
+    #[arg(long, value_name = "FOLDER", requires = "mixture", conflicts_with = "out")]
     likeness: Option<PathBuf>,
     /// Instead write the scenes of the mixture.
     #[arg(long, requires = "mixture", conflicts_with = "likeness")]
@@ -95,7 +95,7 @@ impl Simulate {
     }
 
     fn obey(&self) -> anyhow::Result<()> {
-        let seeds = self.seed..self.seed.saturating_add(self.images);
+        let seeds = self.seed..self.seed + self.images;
         match (self.mixture.map(Mixture::from), &self.likeness) {
             (Some(mixture), Some(dataset)) => likeness::compare(mixture, seeds, dataset),
             (Some(mixture), None) if !self.write => {

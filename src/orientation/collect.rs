@@ -9,7 +9,7 @@ use super::gate::{Round, Scale};
 use super::matching::{Nearness, matches};
 use super::parallels::resolved;
 use super::predict::{Prediction, edges_on_frame_px};
-use super::search::Search;
+use super::search::{Search, reach};
 use crate::features::PictureError;
 use crate::geometry::Segment2;
 
@@ -94,8 +94,7 @@ fn collect(
         let shifted = |e: Segment2| Segment2 { start: e.start + shift, end: e.end + shift };
         let edges = edges_on_frame_px(search.camera, &prediction.orientation, control_point);
         let edges: Vec<Option<Segment2>> = edges.into_iter().map(|edge| edge.map(shifted)).collect();
-        let reach_px = edges.iter().flatten().flat_map(|e| [e.start, e.end]).map(|end| (end - found.at_px).amax());
-        let reach_px = reach_px.fold(0.0, f64::max) + collection.nearness.distance_px;
+        let reach_px = reach(edges.iter().flatten(), found.at_px) + collection.nearness.distance_px;
         let near = matches(&edges, extraction.near(found.at_px, reach_px), &collection.nearness);
         let sigma_control_px = sigma_control_px(search.camera, control_point, &prediction.orientation);
         let matches = resolved(&edges, extraction.segments(), near, sigma_control_px);

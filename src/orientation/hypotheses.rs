@@ -27,7 +27,7 @@ const PEAKS_OF_A_WINDOW: usize = 10;
 /// Half the width of a narrow window: at least so many cells, or chance would be read from the thing itself.
 const LEAST_CELLS: f64 = 40.0;
 const WIDEST_PX: f64 = 300.0;
-/// The window in standard deviations of the prediction: the gate and a little more.
+/// The window in standard deviations of the prediction: the gate.
 const WINDOW_SIGMAS: f64 = 3.4;
 
 /// Hypotheses that predict the same to so many pixels come to the same end.

@@ -246,8 +246,8 @@ fn keep_best(candidates: &mut Vec<Candidate>) {
 }
 
 /// How far the edges reach from the reference point, in x or y.
-pub(super) fn reach(edges: &[Segment2], predicted: Vector2<f64>) -> f64 {
-    edges.iter().flat_map(|e| [e.start, e.end]).map(|end| (end - predicted).amax()).fold(0.0, f64::max)
+pub(crate) fn reach<'e>(edges: impl IntoIterator<Item = &'e Segment2>, predicted: Vector2<f64>) -> f64 {
+    edges.into_iter().flat_map(|e| [e.start, e.end]).map(|end| (end - predicted).amax()).fold(0.0, f64::max)
 }
 
 /// A square about a reduced point, in pixels of the file.

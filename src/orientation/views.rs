@@ -378,6 +378,35 @@ mod tests {
     }
 
     #[test]
+    fn a_vague_heading_is_narrowed_like_an_unknown_one() {
+        let near = ExteriorOrientation {
+            projection_centre_m: Vector3::new(0.0, 0.0, 300.0),
+            camera_from_object: rotation::camera_from_object(0.02, 0.0, 0.5 - 4.0),
+        };
+        let kappa = |n: &Narrowed| rotation::angles(&n.approximation.orientation.camera_from_object)[2];
+        let narrow = |sigma_deg: Option<f64>| narrowed(&approximation([1.0; 3], 2.0, sigma_deg), &near, 0.0);
+        let vague = narrow(Some(60.0));
+        assert!((kappa(&vague) - (0.5 - 4.0 + 2.0 * PI)).abs() < 1e-9);
+        // the shorter way round: 2.28 rad of 1.05
+        let (sigma, away) = (60.0_f64.to_radians(), 2.0 * PI - 4.0);
+        let expected = (HALF_VIEW_RAD / sigma).ln() - (away / sigma).powi(2) / 2.0;
+        assert!((vague.log_odds - expected).abs() < 1e-9);
+        assert_eq!(vague.approximation.sigma_kappa_rad, Some(HALF_VIEW_RAD));
+        let known = narrow(Some(3.0));
+        assert!((kappa(&known) - 0.5).abs() < 1e-9 && known.log_odds == 0.0);
+        assert!((narrow(None).log_odds - (HALF_VIEW_RAD / PI).ln()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_number_of_windows_is_bounded_for_a_camera_in_millimetres() {
+        let camera = Camera::new([4000, 3000], 4.5, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap();
+        let frame = Frame::of(&camera);
+        let (views, _) = views(&approximation([2.0, 2.0, 3.0], 5.0, Some(3.0)), 0.0);
+        let windows = |view: &View| view.windows(&camera, &frame, (0, &house(Vector3::zeros()))).len();
+        assert!(views.iter().map(windows).max().unwrap() < 2000);
+    }
+
+    #[test]
     fn the_number_of_views_is_bounded() {
         let (views, _) = views(&approximation([1e4; 3], 45.0, None), 0.0);
         assert!(views.len() < 500, "{}", views.len());

@@ -14,6 +14,9 @@ use crate::geometry::{Camera, ExteriorOrientation};
 /// against the windows that are asked for.
 const PIECE_PX: u32 = 256;
 
+/// Pieces are made by whoever asks first while others wait: it is to be read by one thread, or by threads that read
+/// different pieces.
+///
 /// The photograph that a camera takes of a town, pixel by pixel the same as [`super::photograph`]'s. What has been
 /// rendered once is kept.
 pub struct LazyPhotograph<'a> {

@@ -14,7 +14,7 @@ use crate::orientation::collect::adjust_with_lines;
 use crate::orientation::extract::Extraction;
 use crate::orientation::locate::{Clustering, shift_map};
 use crate::orientation::predict::{Approximation, Prediction, edges_px, on_frame};
-use crate::orientation::search::Search;
+use crate::orientation::search::{Search, reach};
 use crate::orientation::select::maybe_in_view;
 
 /// Where a control point was located.
@@ -146,7 +146,7 @@ fn located(
     let sigma_px = covariance.symmetric_eigenvalues().max().sqrt();
     let half_width_px = (WINDOW_SIGMAS * sigma_px).clamp(HALF_WIDTH_PX[0], HALF_WIDTH_PX[1]);
     let edges: Vec<Segment2> = edges_px(camera, &prediction.orientation, control_point).into_iter().flatten().collect();
-    let reach_px = edges.iter().flat_map(|e| [e.start, e.end]).map(|end| (end - predicted).amax()).fold(0.0, f64::max);
+    let reach_px = reach(&edges, predicted);
     let middle = camera.pixel_from_reduced(predicted);
     let half = Vector2::repeat(half_width_px + reach_px);
     extraction.cover(middle - half, middle + half)?;

@@ -141,15 +141,15 @@ fn measures(text: &mut String, rows: &[Row]) {
         "right, of those that the paper's method locates",
         with_percent(sum(|row| row.paper_located_right), paper_located),
     );
-    line("mean squared Mahalanobis distance of the right ones (6 expected)", format!("{:.2}", mean(&distances)));
-    line("median of the same (5.35 expected)", format!("{:.2}", median(distances)));
-    line("median of D_max over the largest predicted sigma, right ones", format!("{:.2}", median(ratios)));
+    line("mean squared Mahalanobis distance of the right ones (6 expected)", figure(mean(&distances), 2));
+    line("median of the same (5.35 expected)", figure(median(distances), 2));
+    line("median of D_max over the largest predicted sigma, right ones", figure(median(ratios), 2));
     line(
         "predicted planimetric sigma of the right ones, root mean square",
-        format!("{:.3} m", root_mean_square(&sigmas)),
+        figure(root_mean_square(&sigmas), 3) + " m",
     );
-    line("true planimetric error of the right ones, root mean square", format!("{:.3} m", root_mean_square(&errors)));
-    line("median D_max of the right ones", format!("{:.2} GSD", median(of_right(|row| row.d_max_gsd))));
+    line("true planimetric error of the right ones, root mean square", figure(root_mean_square(&errors), 3) + " m");
+    line("median D_max of the right ones", figure(median(of_right(|row| row.d_max_gsd)), 2) + " GSD");
     let [render, pipeline, paper] = seconds;
     line(
         "processor time of an image",
@@ -162,6 +162,11 @@ fn measures(text: &mut String, rows: &[Row]) {
 
 fn with_percent(count: usize, of: usize) -> String {
     if of == 0 { format!("{count}") } else { format!("{count} ({:.1} %)", 100.0 * count as f64 / of as f64) }
+}
+
+/// A dash where nothing could be averaged.
+fn figure(value: f64, decimals: usize) -> String {
+    if value.is_finite() { format!("{value:.decimals$}") } else { "-".to_owned() }
 }
 
 fn mean(values: &[f64]) -> f64 {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use gable::study::{Mixture, Row, mixture};
+use rustix::fs::FlockOperation;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
@@ -35,14 +36,19 @@ impl Manifest {
 pub(super) struct RowsFile {
     path: PathBuf,
     file: File,
+    /// The folder: one run at a time.
+    _lock: File,
 }
 
 impl RowsFile {
     /// Opens the rows of a folder or begins them; returns those that are there already.
     pub(super) fn open(folder: &Path, manifest: &Manifest) -> anyhow::Result<(Self, Vec<Row>)> {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        check_manifest(&folder.join(MANIFEST_FILE), manifest)?;
         let path = folder.join(ROWS_FILE);
+        let lock = File::open(folder).with_context(|| format!("cannot open {}", folder.display()))?;
+        rustix::fs::flock(&lock, FlockOperation::NonBlockingLockExclusive)
+            .with_context(|| format!("another run works in {}", folder.display()))?;
+        check_manifest(folder, manifest)?;
         let read = || format!("cannot read {}", path.display());
         let mut text = match std::fs::read_to_string(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
@@ -51,13 +57,14 @@ impl RowsFile {
         // a run that was killed may leave a part of a line
         let whole = text.rfind('\n').map_or(0, |end| end + 1);
         text.truncate(whole);
-        let rows: Vec<Row> = csv::Reader::from_reader(text.as_bytes()).deserialize().collect::<Result<_, _>>()?;
+        let rows: Result<Vec<Row>, _> = csv::Reader::from_reader(text.as_bytes()).deserialize().collect();
+        let rows = rows.with_context(read)?;
         if let Some(row) = rows.iter().find(|row| row.mixture != manifest.mixture) {
             bail!("{}: the row of seed {} is of the mixture {}", path.display(), row.seed, row.mixture.name());
         }
         let file = OpenOptions::new().create(true).append(true).open(&path).with_context(read)?;
         file.set_len(whole as u64).with_context(read)?;
-        Ok((Self { path, file }, rows))
+        Ok((Self { path, file, _lock: lock }, rows))
     }
 
     /// Adds a row, with a header if it is the first.
@@ -85,12 +92,18 @@ fn lines<'a>(rows: impl IntoIterator<Item = &'a Row>, header: bool) -> anyhow::R
     Ok(writer.into_inner().map_err(|error| error.into_error())?)
 }
 
-fn check_manifest(path: &Path, manifest: &Manifest) -> anyhow::Result<()> {
+fn check_manifest(folder: &Path, manifest: &Manifest) -> anyhow::Result<()> {
+    let path = folder.join(MANIFEST_FILE);
     if !path.exists() {
+        if folder.join(ROWS_FILE).exists() {
+            bail!("{} has rows but no {MANIFEST_FILE} that says of what: give another --out", folder.display());
+        }
         let text = format!("{}\n", serde_json::to_string_pretty(manifest)?);
-        return std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()));
+        let fresh = path.with_extension("json.new");
+        let written = std::fs::write(&fresh, text).and_then(|()| std::fs::rename(&fresh, &path));
+        return written.with_context(|| format!("cannot write {}", path.display()));
     }
-    let before: Manifest = super::super::orient::read_json(path)?;
+    let before: Manifest = super::super::orient::read_json(&path)?;
     if before == *manifest {
         return Ok(());
     }
@@ -101,6 +114,5 @@ fn check_manifest(path: &Path, manifest: &Manifest) -> anyhow::Result<()> {
     } else {
         "it was begun by another build of gable, which may orient otherwise".to_owned()
     };
-    let folder = path.parent().unwrap_or(path).display();
-    bail!("the study in {folder} cannot be continued: {what}; give another --out")
+    bail!("the study in {} cannot be continued: {what}; give another --out", folder.display())
 }

@@ -1,10 +1,11 @@
 //! `gable simulate --mixture`: the study.
 
+use std::panic::AssertUnwindSafe;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use gable::features::{GreyWindow, Picture, PictureError, PixelRect};
 use gable::simulation::Scene;
 use gable::study::{self, Mixture, Row, paper, plot, table};
@@ -56,16 +57,19 @@ fn in_parallel(seeds: &[u64], work: impl Fn(u64) -> anyhow::Result<()> + Sync) -
             if stopped.load(Ordering::Relaxed) {
                 break;
             }
-            pool.install(|| work(seed)).inspect_err(|_| stopped.store(true, Ordering::Relaxed))?;
+            // a panic must not let the others go on for hours
+            let caught = std::panic::catch_unwind(AssertUnwindSafe(|| pool.install(|| work(seed))));
+            let done = caught.unwrap_or_else(|_| Err(anyhow::anyhow!("seed {seed}: a panic; see the message above")));
+            done.inspect_err(|_| stopped.store(true, Ordering::Relaxed))?;
         }
         Ok(())
     };
     let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     std::thread::scope(|scope| {
         let handles: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
-        handles.into_iter().try_for_each(|handle| {
-            handle.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a worker has panicked; see the messages above")))
-        })
+        let ended = handles.into_iter().map(|handle| handle.join().unwrap_or_else(|_| bail!("a worker has panicked")));
+        // all of them, before the first error counts
+        ended.collect::<Vec<_>>().into_iter().collect()
     })
 }
 
