@@ -79,17 +79,18 @@ pub fn line_segments(window: &GreyWindow, detection: &Detection) -> Vec<LineSegm
 /// Indices of the edgels by falling gradient, sorted into steps of an eighth of an octave: an exact order is not needed.
 fn strongest_first(edgels: &[Edgel]) -> Vec<u32> {
     const STEPS: usize = 64;
-    let step = |e: &Edgel| (STEPS - 1).saturating_sub((e.gradient.max(1.0).log2() * 8.0) as usize);
+    let step = |e: &Edgel| (STEPS - 1).saturating_sub((e.gradient.max(1.0).log2() * 8.0) as usize) as u8;
+    let steps: Vec<u8> = edgels.iter().map(step).collect();
     let mut starts = [0_usize; STEPS + 1];
-    for e in edgels {
-        starts[step(e) + 1] += 1;
+    for step in &steps {
+        starts[usize::from(*step) + 1] += 1;
     }
     for k in 0..STEPS {
         starts[k + 1] += starts[k];
     }
     let mut order = vec![0_u32; edgels.len()];
-    for (index, e) in edgels.iter().enumerate() {
-        let place = &mut starts[step(e)];
+    for (index, step) in steps.iter().enumerate() {
+        let place = &mut starts[usize::from(*step)];
         order[*place] = index as u32;
         *place += 1;
     }
@@ -97,14 +98,21 @@ fn strongest_first(edgels: &[Edgel]) -> Vec<u32> {
 }
 
 /// Which edge pixels are still free, and how they are collected.
-struct Regions<'a> {
-    edgels: &'a [Edgel],
-    /// Their normals beside one another: nothing else of a candidate is looked at.
-    normals: Vec<[f32; 2]>,
+struct Regions {
+    /// What is looked at of the edgels, beside one another: most of the time goes into fetching it.
+    candidates: Vec<Candidate>,
     /// 64 cells a word, row by row, each row with an empty word at its end.
     words: Vec<Word>,
     words_per_row: usize,
     least_cosine: f32,
+}
+
+/// An edgel as a candidate for a collection.
+#[derive(Clone, Copy)]
+struct Candidate {
+    normal: [f32; 2],
+    row: u32,
+    column: u32,
 }
 
 /// Which of 64 neighbouring cells have an edgel. A bit a cell, so that the neighbourhood of a cell is a few words.
@@ -138,9 +146,9 @@ fn window(word: u64, next_word: u64, shift: u32) -> u64 {
     (two >> shift) as u64 & ((1 << AROUND) - 1)
 }
 
-impl<'a> Regions<'a> {
+impl Regions {
     /// `edgels` row by row, at least [`REACH`] cells away from the rim.
-    fn new(edgels: &'a [Edgel], width: usize, height: usize, least_cosine: f32) -> Self {
+    fn new(edgels: &[Edgel], width: usize, height: usize, least_cosine: f32) -> Self {
         let words_per_row = width.div_ceil(64) + 1;
         let mut words = vec![Word::default(); words_per_row * height];
         for e in edgels {
@@ -151,8 +159,9 @@ impl<'a> Regions<'a> {
             (word.first, word.free) = (first, word.present);
             first += word.present.count_ones();
         }
-        let normals = edgels.iter().map(|e| e.normal).collect();
-        Self { edgels, normals, words, words_per_row, least_cosine }
+        let candidate = |e: &Edgel| Candidate { normal: e.normal, row: e.row, column: e.column };
+        let candidates = edgels.iter().map(candidate).collect();
+        Self { candidates, words, words_per_row, least_cosine }
     }
 
     fn word_at(&self, row: u32, column: u32) -> usize {
@@ -161,8 +170,8 @@ impl<'a> Regions<'a> {
 
     /// Marks an edgel as taken; false if it was before.
     fn take(&mut self, index: u32) -> bool {
-        let e = &self.edgels[index as usize];
-        let (word, bit) = (self.word_at(e.row, e.column), 1 << (e.column % 64));
+        let Candidate { row, column, .. } = self.candidates[index as usize];
+        let (word, bit) = (self.word_at(row, column), 1 << (column % 64));
         let free = self.words[word].free & bit != 0;
         self.words[word].free &= !bit;
         free
@@ -176,11 +185,11 @@ impl<'a> Regions<'a> {
         }
         members.clear();
         members.push(seed);
-        let mut sum = self.normals[seed as usize];
+        let mut sum = self.candidates[seed as usize].normal;
         let mut next = 0;
         while let Some(&index) = members.get(next) {
             next += 1;
-            let Edgel { row, column, .. } = self.edgels[index as usize];
+            let Candidate { row, column, .. } = self.candidates[index as usize];
             let mean = sum;
             let least = self.least_cosine * (mean[0] * mean[0] + mean[1] * mean[1]).sqrt();
             let shift = (column - REACH) % 64;
@@ -198,7 +207,7 @@ impl<'a> Regions<'a> {
                     let bit = free & free.wrapping_neg();
                     free ^= bit;
                     let candidate = before + BITS_SET[(present & (bit - 1)) as usize];
-                    let normal = self.normals[candidate as usize];
+                    let normal = self.candidates[candidate as usize].normal;
                     if normal[0] * mean[0] + normal[1] * mean[1] >= least {
                         members.push(candidate);
                         sum = [sum[0] + normal[0], sum[1] + normal[1]];
