@@ -148,9 +148,10 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// Of a search and a second, wider one.
-    fn and(&self, wider: &Self) -> Self {
-        let (a, b) = (&self.search, &wider.search);
+    /// Of this as a second, wider search, with that of the first one.
+    fn after(self, first: Option<&Self>) -> Self {
+        let Some(first) = first else { return Self { widened: true, ..self } };
+        let (a, b) = (&first.search, &self.search);
         let search = SearchReport {
             assumed: b.assumed,
             views: a.views + b.views,
@@ -161,8 +162,8 @@ impl Cost {
         };
         Self {
             search,
-            adjusted: self.adjusted + wider.adjusted,
-            pixels_read: self.pixels_read + wider.pixels_read,
+            adjusted: first.adjusted + self.adjusted,
+            pixels_read: first.pixels_read + self.pixels_read,
             widened: true,
         }
     }

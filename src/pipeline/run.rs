@@ -64,7 +64,7 @@ pub fn orient(
     // nothing that can be used: the approximation may be worse than it says
     let Some(erring_more) = stated.erring_more() else { return Ok(first.outcome) };
     let again = Run { done: ALMOST_DONE, ..run }.around(control, &erring_more)?;
-    let cost = first.outcome.cost.zip(again.outcome.cost).map(|(first, again)| first.and(&again));
+    let cost = again.outcome.cost.map(|again| again.after(first.outcome.cost.as_ref()));
     let better = if again.best_score > first.best_score { again } else { first };
     Ok(Outcome { cost, ..better.outcome })
 }
@@ -139,18 +139,13 @@ impl Run<'_> {
         };
         let Found { hypotheses, report } = search.run(&mut extraction, &go_on)?;
         self.enter(Stage::Resect, 0.7)?;
-        let mut solutions = Vec::new();
-        let least_score = hypotheses.first().map_or(0.0, |best| best.score) - HOPELESSLY_BEHIND;
+        let best_score = hypotheses.first().map_or(0.0, |best| best.score);
+        let least_score = best_score - HOPELESSLY_BEHIND;
         let promising = hypotheses.iter().take(ADJUSTED).take_while(|h| h.score >= least_score).count();
-        for (k, hypothesis) in hypotheses[..promising].iter().enumerate() {
-            self.enter(Stage::Adjust, 0.75 + 0.2 * k as f64 / ADJUSTED as f64)?;
-            solutions.extend(self.solve(&search, hypothesis, &mut extraction)?);
-        }
+        let solutions = self.solutions(&search, &hypotheses[..promising], &mut extraction)?;
         self.enter(Stage::Diagnose, ALMOST_DONE)?;
-        solutions.sort_by(|a: &Solution, b| b.log_odds.total_cmp(&a.log_odds));
         let cost =
             Some(Cost { search: report, adjusted: promising, pixels_read: extraction.pixels_read(), widened: false });
-        let best_score = hypotheses.first().map_or(0.0, |best| best.score);
         let Some(best) = solutions.first() else {
             let outcome = Outcome { cost, ..self.not_found(&search, &hypotheses) };
             return Ok(Attempt { outcome, best_score });
@@ -161,6 +156,22 @@ impl Run<'_> {
         let runner_up = rivals.map(|(_, log_odds)| log_odds).fold(0.0, f64::max);
         let outcome = Outcome { cost, ..self.outcome(&search, &extraction, best, runner_up) };
         Ok(Attempt { outcome, best_score })
+    }
+
+    /// What hypotheses lead to, the best first.
+    fn solutions(
+        &self,
+        search: &Search,
+        hypotheses: &[Hypothesis],
+        extraction: &mut Extraction,
+    ) -> Result<Vec<Solution>, Fault> {
+        let mut solutions = Vec::new();
+        for (k, hypothesis) in hypotheses.iter().enumerate() {
+            self.enter(Stage::Adjust, 0.75 + 0.2 * k as f64 / ADJUSTED as f64)?;
+            solutions.extend(self.solve(search, hypothesis, extraction)?);
+        }
+        solutions.sort_by(|a: &Solution, b| b.log_odds.total_cmp(&a.log_odds));
+        Ok(solutions)
     }
 
     /// Points, then lines.
