@@ -137,7 +137,7 @@ fn all_quadruples(
 pub fn bench_subsets(_: &Peers) -> Result<Vec<Row>> {
     const POINTS: usize = 20;
     const SAMPLE: usize = 2000;
-    // so many must be right; the time is taken of the first of them
+    // so many must be right; all subsets are timed in the first of them only
     const RIGHT_SCENES: usize = 1000;
     // subsets of at least four
     let all = (1_u64 << POINTS) as f64 - 1.0 - 20.0 - 190.0 - 1140.0;

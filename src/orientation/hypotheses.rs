@@ -238,8 +238,7 @@ impl Search<'_> {
 
     /// Hypotheses after predicting, locating and orienting anew, round by round, with windows that close; those that
     /// nothing speaks for any more are given up, and so are those far behind the best and those that have become the same
-    /// as a better one. `None` if
-    /// the search is to end.
+    /// as a better one. `None` if the search is to end.
     pub(super) fn refined(
         &self,
         hypotheses: Vec<Hypothesis>,

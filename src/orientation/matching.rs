@@ -30,8 +30,8 @@ const LEAST_OVERLAP: f64 = 0.5;
 /// And be no shorter than this.
 const SHORTEST_PX: f64 = 12.0;
 
-/// For each edge that is in view the segments along it: those of the fine level, and where there are none the coarse ones. Each
-/// segment goes to the edge that it is nearest to. The segments are given with their indices.
+/// For each edge that is in view the segments along it: those of the fine level, and where there are none the coarse
+/// ones. Each segment goes to the edge that it is nearest to. The segments are given with their indices.
 #[must_use]
 pub fn matches<'s>(
     edges_px: &[Option<Segment2>],
