@@ -12,7 +12,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema as _, ToSchema};
 
+use crate::diagnosis::Policy;
 use crate::imagery::Limits;
+use crate::learning::Costs;
 
 /// How the log is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -80,6 +82,21 @@ pub struct Configuration {
     pub job_max_attempts: u32,
     /// How long one attempt at an orientation may take.
     pub job_timeout_s: u64,
+    /// What it costs to accept an orientation that is right.
+    pub cost_cc: f64,
+    /// What it costs to accept one that is wrong.
+    pub cost_cw: f64,
+    /// What it costs to reject one that is right.
+    pub cost_wc: f64,
+    /// What it costs to reject one that is wrong.
+    pub cost_ww: f64,
+    /// By how many times the odds of being wrong may be larger than the classifier says; 0: what it has shown in areas
+    /// that it was not trained on.
+    pub caution: f64,
+    /// Classifiers that may wait to be trained; further ones get 503.
+    pub training_max_jobs: u32,
+    /// The largest labelled set that may be uploaded to train from.
+    pub training_max_bytes: usize,
 }
 
 impl Default for Configuration {
@@ -109,6 +126,13 @@ impl Default for Configuration {
             queue_max_jobs: 10_000,
             job_max_attempts: 3,
             job_timeout_s: 600,
+            cost_cc: 0.0,
+            cost_cw: 40.0,
+            cost_wc: 5.0,
+            cost_ww: 10.0,
+            caution: 0.0,
+            training_max_jobs: 10,
+            training_max_bytes: 200_000_000,
         }
     }
 }
@@ -230,7 +254,7 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 15] = [
+        let positive: [(&'static str, u64); 17] = [
             ("upload_max_bytes", self.upload_max_bytes),
             ("body_max_bytes", self.body_max_bytes as u64),
             ("import_max_bytes", self.import_max_bytes as u64),
@@ -246,6 +270,8 @@ impl Configuration {
             ("queue_max_jobs", self.queue_max_jobs.into()),
             ("job_max_attempts", self.job_max_attempts.into()),
             ("job_timeout_s", self.job_timeout_s),
+            ("training_max_jobs", self.training_max_jobs.into()),
+            ("training_max_bytes", self.training_max_bytes as u64),
         ];
         for (key, value) in positive {
             if value == 0 {
@@ -267,9 +293,43 @@ impl Configuration {
                 return Err(ConfigurationError::OutOfRange { key, value: value.to_string(), wanted: "at most a year" });
             }
         }
+        self.check_costs()?;
         if self.connections_max > tokio::sync::Semaphore::MAX_PERMITS {
             let value = self.connections_max.to_string();
             return Err(ConfigurationError::OutOfRange { key: "connections_max", value, wanted: "a sensible number" });
+        }
+        Ok(())
+    }
+}
+
+impl Configuration {
+    /// What the verdicts follow where a request does not say.
+    #[must_use]
+    pub fn policy(&self) -> Policy {
+        let costs = Costs { cc: self.cost_cc, cw: self.cost_cw, wc: self.cost_wc, ww: self.cost_ww };
+        Policy { costs, caution: (self.caution >= 1.0).then_some(self.caution), threshold: None }
+    }
+
+    fn check_costs(&self) -> Result<(), ConfigurationError> {
+        let costs = [
+            ("cost_cc", self.cost_cc),
+            ("cost_cw", self.cost_cw),
+            ("cost_wc", self.cost_wc),
+            ("cost_ww", self.cost_ww),
+        ];
+        for (key, value) in costs {
+            if !(0.0..=1e9).contains(&value) {
+                return Err(ConfigurationError::OutOfRange { key, value: value.to_string(), wanted: "from 0 to 1e9" });
+            }
+        }
+        if self.policy().costs.least_probability().is_none() {
+            let value = self.cost_cw.to_string();
+            let wanted = "more than cost_ww, or accepting what is wrong would pay";
+            return Err(ConfigurationError::OutOfRange { key: "cost_cw", value, wanted });
+        }
+        if self.caution != 0.0 && !(1.0..=1e6).contains(&self.caution) {
+            let value = self.caution.to_string();
+            return Err(ConfigurationError::OutOfRange { key: "caution", value, wanted: "0, or from 1 to 1e6" });
         }
         Ok(())
     }

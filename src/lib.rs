@@ -11,9 +11,13 @@ pub mod features;
 
 pub mod orientation;
 
+pub mod learning;
+
 pub mod diagnosis;
 
 pub mod pipeline;
+
+pub mod classifiers;
 
 pub mod simulation;
 

@@ -18,22 +18,67 @@ const ROOMS: &[Room] = &[
     Room("estimation", &["geometry"]),
     Room("features", &["geometry"]),
     Room("orientation", &["geometry", "estimation", "features"]),
-    Room("diagnosis", &["geometry", "estimation", "features", "orientation"]),
-    Room("pipeline", &["geometry", "estimation", "features", "orientation", "diagnosis"]),
+    Room("learning", &[]),
+    Room("diagnosis", &["geometry", "estimation", "features", "orientation", "learning"]),
+    Room("pipeline", &["geometry", "estimation", "features", "orientation", "learning", "diagnosis"]),
+    Room("classifiers", &["geometry", "learning", "diagnosis", "pipeline"]),
     Room("simulation", &["geometry", "features", "orientation", "pipeline"]),
-    Room("study", &["geometry", "estimation", "features", "orientation", "diagnosis", "pipeline", "simulation"]),
+    Room(
+        "study",
+        &[
+            "geometry",
+            "estimation",
+            "features",
+            "orientation",
+            "learning",
+            "diagnosis",
+            "pipeline",
+            "classifiers",
+            "simulation",
+        ],
+    ),
     Room("imagery", &["features"]),
     Room("control", &["geometry", "orientation", "pipeline"]),
     Room("store", &["geometry"]),
-    Room("report", &["geometry", "features", "diagnosis", "pipeline"]),
-    Room("jobs", &["geometry", "features", "orientation", "pipeline", "imagery", "control", "store", "report"]),
-    Room("configuration", &["imagery"]),
-    Room("http", &["geometry", "pipeline", "imagery", "control", "store", "report", "jobs", "configuration"]),
+    Room("report", &["geometry", "features", "diagnosis", "pipeline", "classifiers"]),
+    Room(
+        "jobs",
+        &[
+            "geometry",
+            "features",
+            "orientation",
+            "learning",
+            "diagnosis",
+            "pipeline",
+            "classifiers",
+            "imagery",
+            "control",
+            "store",
+            "report",
+        ],
+    ),
+    Room("configuration", &["learning", "diagnosis", "imagery"]),
+    Room(
+        "http",
+        &[
+            "geometry",
+            "learning",
+            "diagnosis",
+            "pipeline",
+            "classifiers",
+            "imagery",
+            "control",
+            "store",
+            "report",
+            "jobs",
+            "configuration",
+        ],
+    ),
     Room("service", &["store", "configuration", "http"]),
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.
-const PURE: &[&str] = &["geometry", "estimation", "features", "orientation", "diagnosis"];
+const PURE: &[&str] = &["geometry", "estimation", "features", "orientation", "learning", "diagnosis"];
 
 /// What a pure room does not know: files, clocks, the process, databases, HTTP, asynchrony and forms of exchange.
 const IMPURE: &[&[&str]] = &[

@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panic")]
 
-use gable::diagnosis::{Verdict, d_max_m};
+use gable::classifiers::shipped;
+use gable::diagnosis::{Policy, Verdict, d_max_m};
 use gable::geometry::rotation;
 use gable::orientation::ControlPoint;
-use gable::pipeline::{Fault, Observer, Outcome, Stage, Task, Tolerance, orient};
+use gable::pipeline::{Fault, Judge, Observer, Outcome, Stage, Task, Tolerance, orient};
 use gable::simulation::{Photograph, Scene, SceneSettings};
 use nalgebra::Vector3;
 
@@ -20,7 +21,12 @@ impl Observer for Watched {
 const TOLERANCE_GSD: f64 = 10.0;
 
 fn task(scene: &Scene) -> Task {
-    Task { camera: scene.camera, approximation: scene.approximation.clone(), tolerance: Tolerance::Gsd(TOLERANCE_GSD) }
+    Task {
+        camera: scene.camera,
+        approximation: scene.approximation.clone(),
+        tolerance: Tolerance::Gsd(TOLERANCE_GSD),
+        judge: Judge { classifier: shipped().unwrap().classifier, policy: Policy::default() },
+    }
 }
 
 fn run(picture: &Photograph, control: &[ControlPoint], task: &Task) -> Outcome {

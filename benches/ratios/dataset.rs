@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use gable::control::{Source, geojson};
+use gable::diagnosis::Policy;
 use gable::geometry::{Brown, Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
+use gable::jobs::active::shipped_classifier;
 use gable::orientation::ControlPoint;
-use gable::pipeline::{Approximation, Outcome, Task, Tolerance};
+use gable::pipeline::{Approximation, Judge, Outcome, Task, Tolerance};
 use nalgebra::{Vector2, Vector3};
 use serde_json::Value;
 
@@ -45,6 +47,7 @@ impl Dataset {
         let pictures = folder.join(data["images_folder"].as_str().unwrap_or("images"));
         let tolerance_gsd = number(&data["tolerance_gsd"])?;
         let mut images = Vec::new();
+        let judge = Judge { classifier: shipped_classifier()?.loaded.classifier, policy: Policy::default() };
         for entry in json("images.json")?.as_array().context("images.json is no list")? {
             if entry["control_points_in_view"].as_u64().is_none_or(|n| n < least_in_view) {
                 continue;
@@ -57,7 +60,7 @@ impl Dataset {
             let rows = rows.iter().map(numbers).collect::<Result<Vec<_>>>()?.concat();
             images.push(Image {
                 file: pictures.join(entry["file"].as_str().context("file")?),
-                task: Task { camera, approximation, tolerance: Tolerance::Gsd(tolerance_gsd) },
+                task: Task { camera, approximation, tolerance: Tolerance::Gsd(tolerance_gsd), judge: judge.clone() },
                 control,
                 gsd_m: number(&entry["gsd_m"])?,
                 local,

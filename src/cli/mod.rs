@@ -1,12 +1,17 @@
 //! The command line: one file a command.
 
+mod classifier;
+mod dataset;
 mod demo;
+mod evaluate;
 mod import;
 mod key;
 mod openapi;
 mod orient;
 mod serve;
+mod sets;
 mod simulate;
+mod train;
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
@@ -34,6 +39,9 @@ enum Command {
     Import(import::Import),
     Orient(Box<orient::Orient>),
     Simulate(simulate::Simulate),
+    Evaluate(evaluate::Evaluate),
+    Train(train::Train),
+    Classifier(classifier::ClassifierCommand),
     Key(key::Key),
     Openapi(openapi::OpenApi),
 }
@@ -46,6 +54,9 @@ impl Command {
             Self::Import(command) => command.run().await,
             Self::Orient(command) => command.run().await,
             Self::Simulate(command) => command.run().await,
+            Self::Evaluate(command) => command.run().await,
+            Self::Train(command) => command.run().await,
+            Self::Classifier(command) => command.run().await,
             Self::Key(command) => command.run().await,
             Self::Openapi(command) => command.run(),
         }

@@ -14,14 +14,17 @@ use gable::geometry::{Camera, Crs};
 use gable::http::cameras::CameraRequest;
 use gable::http::extract::parse_json;
 use gable::imagery::{self, ImageFile, Limits};
-use gable::jobs::request::{ApproximationRequest, ImageFacts, OrientationRequest};
+use gable::jobs::active::{ActiveClassifier, shipped_classifier};
+use gable::jobs::request::{ApproximationRequest, CostsRequest, ImageFacts, OrientationRequest};
 use gable::jobs::{self, Orient as Pipeline};
+use gable::learning::Costs;
 use gable::pipeline::{self, Observer, Stage};
 use gable::report::overlay::{self, Drawing, Format};
 use gable::report::{OrientationResult, Position, Vertical};
 use gable::store::Store;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::evaluate::costs;
 use super::{Settings, import, print};
 
 const EXAMPLES: &str = "\
@@ -66,6 +69,16 @@ pub(crate) struct Orient {
     /// The same in metres.
     #[arg(long, value_name = "N")]
     tolerance_m: Option<f64>,
+    /// What decisions cost: accepted and right, accepted though wrong, rejected though right, rejected and wrong.
+    /// [default: 0,40,5,10, or as configured]
+    #[arg(long, value_name = "CC,CW,WC,WW", value_parser = costs)]
+    costs: Option<Costs>,
+    /// So many times larger than the classifier says may the odds of being wrong be. [default: the classifier's]
+    #[arg(long, value_name = "N")]
+    caution: Option<f64>,
+    /// T_d: green where the score exceeds it, whatever costs and caution.
+    #[arg(long, value_name = "SCORE", allow_negative_numbers = true)]
+    threshold: Option<f64>,
     /// CRS of the result. [default: that of the position]
     #[arg(long, value_name = "CRS")]
     output_crs: Option<String>,
@@ -170,11 +183,16 @@ impl Orient {
         };
         let camera = self.camera(store.as_ref()).await?;
         let probe = imagery::probe(&self.image, &limits).with_context(|| self.image.display().to_string())?;
-        let prepared = self.request()?.prepare(&camera, &ImageFacts::from(&probe)).map_err(|faults| {
+        let mut prepared = self.request()?.prepare(&camera, &ImageFacts::from(&probe)).map_err(|faults| {
             let lines: Vec<_> = faults.iter().map(|fault| format!("{}: {}", fault.pointer, fault.detail)).collect();
             anyhow::anyhow!(lines.join("\n       "))
         })?;
-        let work = prepared.work(camera)?;
+        prepared.policy = prepared.policy.or(&configuration.policy());
+        let decides = match &store {
+            Some(store) => ActiveClassifier::default().get(store).await?,
+            None => shipped_classifier()?,
+        };
+        let work = prepared.work(camera, &decides)?;
         let pool = match (&self.control, &store) {
             (Some(file), _) => self.control_of_file(file).await?,
             (None, Some(store)) => store.pool().clone(),
@@ -187,7 +205,7 @@ impl Orient {
             let orient: Pipeline = Arc::new(pipeline::orient);
             let oriented = jobs::oriented(&orient, &path, &limits, &near, (&prepared, &work), &bar);
             bar.0.finish_and_clear();
-            oriented.map(|(result, drawing)| (result, drawing, limits))
+            oriented.map(|oriented| (oriented.result, oriented.drawing, limits))
         });
         let (result, drawing, limits) = oriented.await?.with_context(|| self.image.display().to_string())?;
         if let Some(file) = &self.overlay {
@@ -203,6 +221,9 @@ impl Orient {
             approximation: self.approximation.request()?,
             tolerance_gsd: self.tolerance_gsd,
             tolerance_m: self.tolerance_m,
+            costs: self.costs.map(CostsRequest::from),
+            caution: self.caution,
+            threshold: self.threshold,
             control: None,
             output_crs: self.output_crs.clone(),
             webhook: None,

@@ -1,6 +1,7 @@
 //! `gable simulate`: scenes as files, or the study of thousands that are never written.
 
 mod likeness;
+mod lines;
 mod rows;
 mod study;
 
@@ -78,6 +79,8 @@ enum MixtureName {
     Good,
     /// Bad images with little and bad control: its area II.
     Poor,
+    /// From the best to the hopeless, to train classifiers with.
+    Wide,
 }
 
 impl From<MixtureName> for Mixture {
@@ -85,6 +88,7 @@ impl From<MixtureName> for Mixture {
         match name {
             MixtureName::Good => Self::Good,
             MixtureName::Poor => Self::Poor,
+            MixtureName::Wide => Self::Wide,
         }
     }
 }

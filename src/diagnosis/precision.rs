@@ -23,25 +23,41 @@ pub(super) fn grid_px(camera: &Camera) -> [Vector2<f64>; 9] {
     std::array::from_fn(|k| Vector2::new(SHARES[k % 3] * width, SHARES[k / 3] * height))
 }
 
-/// The planimetric precision on the horizontal plane at `height_m` of the nine image points at 5, 50 and 95 % of
-/// width and height, row by row, from the covariance of `[dX0, theta]`. The image points themselves are taken to be
-/// without error. Those whose rays miss the plane are left out.
+/// A point of the ground, and how it moves with the orientation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundPoint {
+    /// The image point, in pixels of the file.
+    pub image_px: Vector2<f64>,
+    /// Where its ray meets the horizontal plane.
+    pub ground_m: Vector3<f64>,
+    /// The derivatives of its east and north by `[dX0, theta]`.
+    pub by_parameters: Matrix2x6<f64>,
+}
+
+/// The points of the horizontal plane at `height_m` that the nine image points at 5, 50 and 95 % of width and height
+/// show, row by row. Those whose rays miss the plane are left out.
 #[must_use]
-pub fn ground_precision(
-    camera: &Camera,
-    orientation: &ExteriorOrientation,
-    covariance: &Matrix6<f64>,
-    height_m: f64,
-) -> Vec<GroundPrecision> {
+pub fn ground_points(camera: &Camera, orientation: &ExteriorOrientation, height_m: f64) -> Vec<GroundPoint> {
     let at = |image_px: Vector2<f64>| {
         let reduced_px = camera.reduced_from_pixel(image_px)?;
         let c = camera.principal_distance_px;
         let ground_m = orientation.ground_point_m(c, reduced_px, height_m)?;
-        let jacobian = ground_jacobian(orientation, orientation.ray(c, reduced_px), ground_m);
-        let variance = (jacobian * covariance * jacobian.transpose()).trace();
-        Some(GroundPrecision { image_px, ground_m, sigma_planimetric_m: variance.max(0.0).sqrt() })
+        let by_parameters = ground_jacobian(orientation, orientation.ray(c, reduced_px), ground_m);
+        Some(GroundPoint { image_px, ground_m, by_parameters })
     };
     grid_px(camera).into_iter().filter_map(at).collect()
+}
+
+/// The planimetric precision of points of the ground, from the covariance of `[dX0, theta]`. The image points
+/// themselves are taken to be without error.
+#[must_use]
+pub fn ground_precision(points: &[GroundPoint], covariance: &Matrix6<f64>) -> Vec<GroundPrecision> {
+    let of_point = |point: &GroundPoint| {
+        let variance = (point.by_parameters * covariance * point.by_parameters.transpose()).trace();
+        let sigma_planimetric_m = variance.max(0.0).sqrt();
+        GroundPrecision { image_px: point.image_px, ground_m: point.ground_m, sigma_planimetric_m }
+    };
+    points.iter().map(of_point).collect()
 }
 
 /// The derivatives of east and north of the point where a ray meets a horizontal plane, by `[dX0, theta]`.
@@ -107,7 +123,7 @@ mod tests {
 
     #[test]
     fn sigmas_are_the_scatter_of_drawn_orientations() {
-        let precision = ground_precision(&camera(), &flight(), &covariance(), HEIGHT_M);
+        let precision = ground_precision(&ground_points(&camera(), &flight(), HEIGHT_M), &covariance());
         assert_eq!(precision.len(), 9);
         assert_eq!((precision[1].image_px.x, precision[1].image_px.y), (3000.0, 200.0));
         let mut draws = Draws::new(9);
@@ -134,7 +150,8 @@ mod tests {
             camera_from_object: rotation::camera_from_object(0.0, 0.0, 0.7),
         };
         let variances = Vector6::new(0.01, 0.04, 9.0, 1e-6, 4e-6, 1.0);
-        let precision = ground_precision(&camera, &nadir, &Matrix6::from_diagonal(&variances), HEIGHT_M);
+        let points = ground_points(&camera, &nadir, HEIGHT_M);
+        let precision = ground_precision(&points, &Matrix6::from_diagonal(&variances));
         // height and heading do not move the middle
         let expected = (0.01 + 0.04 + 300.0_f64.powi(2) * (1e-6 + 4e-6)).sqrt();
         assert_relative_eq!(precision[4].sigma_planimetric_m, expected, max_relative = 1e-9);
@@ -144,7 +161,7 @@ mod tests {
     fn rays_into_the_sky_are_left_out() {
         let mut tilted = flight();
         tilted.camera_from_object = rotation::camera_from_object(1.45, 0.0, 0.0);
-        let seen = ground_precision(&camera(), &tilted, &covariance(), HEIGHT_M).len();
+        let seen = ground_points(&camera(), &tilted, HEIGHT_M).len();
         assert!((1..9).contains(&seen), "{seen}");
     }
 }

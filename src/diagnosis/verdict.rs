@@ -38,7 +38,7 @@ pub struct Features {
 pub struct Diagnosis {
     /// The traffic light.
     pub verdict: Verdict,
-    /// The larger the better; green from `threshold` on.
+    /// The larger the better; green beyond `threshold`.
     pub score: f64,
     /// What the score is held against.
     pub threshold: f64,
@@ -48,4 +48,8 @@ pub struct Diagnosis {
     pub features: Option<Features>,
     /// Sorted by weight: the reason that decided first.
     pub reasons: Vec<Reason>,
+    /// Control points that agree: what is probably right.
+    pub probably_right: Vec<String>,
+    /// Control points that took part and contradict the others: what is probably wrong.
+    pub probably_wrong: Vec<String>,
 }

@@ -95,6 +95,13 @@ pub struct Prior {
     pub information: Matrix6<f64>,
 }
 
+/// The standard deviation of a plane position in the direction in which it is largest.
+#[must_use]
+pub fn largest_sigma(covariance: &Matrix2<f64>) -> f64 {
+    let (a, b, c) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
+    ((a + c) / 2.0 + ((a - c) / 2.0).hypot(b)).max(0.0).sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -136,6 +143,14 @@ mod tests {
         equations.matrix += Matrix6::identity() * 4.0;
         assert_relative_eq!(equations.solve().unwrap(), step / 2.0, epsilon = 1e-12);
         assert_relative_eq!(equations.inverse().unwrap(), Matrix6::identity() / 8.0, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn the_largest_sigma_is_that_of_the_long_axis_of_the_ellipse() {
+        let (long, short, turn) = (3.0_f64, 0.5_f64, nalgebra::Rotation2::new(0.7));
+        let covariance =
+            turn.matrix() * Matrix2::new(long.powi(2), 0.0, 0.0, short.powi(2)) * turn.matrix().transpose();
+        assert_relative_eq!(largest_sigma(&covariance), long, epsilon = 1e-12);
     }
 
     #[test]

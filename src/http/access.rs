@@ -29,6 +29,7 @@ pub enum Access {
 const PUBLIC: Access = Access::Public;
 const READER: Access = Access::AtLeast(Role::Reader);
 const OPERATOR: Access = Access::AtLeast(Role::Operator);
+const ADMIN: Access = Access::AtLeast(Role::Admin);
 
 /// Every route of the service with what it asks of its caller.
 pub const ROUTES: &[(Method, &str, Access)] = &[
@@ -49,6 +50,16 @@ pub const ROUTES: &[(Method, &str, Access)] = &[
     (Method::GET, "/api/v1/control-points", READER),
     (Method::POST, "/api/v1/control-points", OPERATOR),
     (Method::GET, "/api/v1/control-points/{name}", READER),
+    (Method::GET, "/api/v1/control-points/{name}/health", READER),
+    (Method::GET, "/api/v1/references", READER),
+    (Method::POST, "/api/v1/references", OPERATOR),
+    (Method::DELETE, "/api/v1/references/{image}", OPERATOR),
+    (Method::GET, "/api/v1/classifiers", READER),
+    (Method::POST, "/api/v1/classifiers", OPERATOR),
+    (Method::POST, "/api/v1/classifiers/rollback", ADMIN),
+    (Method::GET, "/api/v1/classifiers/{id}", READER),
+    (Method::POST, "/api/v1/classifiers/{id}/activate", ADMIN),
+    (Method::GET, "/api/v1/classifiers/{id}/{file}", READER),
     (Method::GET, "/api/v1/orientations", READER),
     (Method::POST, "/api/v1/orientations", OPERATOR),
     (Method::GET, "/api/v1/orientations/{id}", READER),

@@ -1,5 +1,7 @@
 //! Control points.
 
+mod health;
+
 use axum::body::{Body, to_bytes};
 use axum::extract::{DefaultBodyLimit, Request, State};
 use axum::http::StatusCode;
@@ -24,7 +26,7 @@ const DEFAULT_CRS: &str = "EPSG:4979";
 pub fn routes() -> OpenApiRouter<AppState> {
     // the import has a limit of its own
     let import = OpenApiRouter::new().routes(routes!(import)).layer(DefaultBodyLimit::disable());
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read)).merge(import)
+    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read)).routes(routes!(health::health)).merge(import)
 }
 
 /// Where an import comes from.

@@ -48,6 +48,12 @@ fn install() -> Option<PrometheusHandle> {
     let installed = PrometheusBuilder::new().set_buckets(&SECONDS).and_then(PrometheusBuilder::install_recorder);
     metrics::describe_counter!("gable_http_requests_total", "Requests answered, by method, route and status.");
     metrics::describe_histogram!("gable_http_request_duration_seconds", "Time to answer, by method and route.");
+    metrics::describe_gauge!(
+        "gable_drift",
+        "Population stability index of a feature between the training of the active classifier and recent orientations: \
+         above 0.25 a classifier should be trained anew."
+    );
+    metrics::describe_gauge!("gable_drift_max", "The largest of these.");
     metrics::describe_gauge!("gable_connections", "Connections that are open.");
     installed.inspect_err(|error| tracing::error!(%error, "no metrics")).ok()
 }

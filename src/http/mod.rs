@@ -6,6 +6,7 @@
 
 pub mod access;
 pub mod cameras;
+pub mod classifiers;
 pub mod control_points;
 pub mod extract;
 pub mod health;
@@ -18,6 +19,7 @@ pub mod orientations;
 pub mod pace;
 pub mod page;
 pub mod problem;
+pub mod references;
 pub mod request_id;
 pub mod serve;
 pub mod state;
@@ -43,6 +45,8 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(images::routes())
         .merge(control_points::routes())
         .merge(orientations::routes())
+        .merge(references::routes())
+        .merge(classifiers::routes())
         .merge(openapi::routes());
     openapi::base().merge(health::routes()).merge(metrics::routes()).nest("/api/v1", version_1)
 }

@@ -130,7 +130,8 @@ async fn checked(state: &AppState, id: Uuid, request: &OrientationRequest) -> Re
     let camera = state.store.camera(&request.camera).await?;
     let camera = camera.ok_or_else(|| Problem::invalid_field("/camera", "there is no camera with this id or name"))?;
     let facts = facts(state, &image, request).await?;
-    let prepared = request.prepare(&camera.camera, &facts).map_err(|faults| refused(&faults))?;
+    let mut prepared = request.prepare(&camera.camera, &facts).map_err(|faults| refused(&faults))?;
+    prepared.policy = prepared.policy.or(&state.configuration.policy());
     let prepared = serde_json::to_string(&prepared).map_err(|error| Problem::internal(&error))?;
     Ok(NewOrientation { id, image_id: image.id, camera_id: camera.id, prepared })
 }

@@ -7,19 +7,23 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use uuid::Uuid;
 
+use super::active::ActiveError;
 use super::request::{Prepared, Work};
 use super::watcher::{Signal, Watcher};
 use super::{Change, Inner, Orient};
+use crate::classifiers::Record;
 use crate::control::{self, ControlError};
+use crate::diagnosis::Verdict;
 use crate::features::{Picture as _, PictureError};
 use crate::geometry::CrsError;
 use crate::imagery::{ImageFile, ImageryError, Limits};
 use crate::orientation::ControlPoint;
-use crate::pipeline::{Fault, Observer};
+use crate::pipeline::{ControlPointResult, Fault, Observer};
 use crate::report::overlay::Drawing;
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
 use crate::store::orientations::{self, Failure, Finished, Orientation, Status};
+use crate::store::sightings::Sighting;
 
 /// How often the progress of an attempt is written to its row.
 const NOTE_INTERVAL: Duration = Duration::from_millis(500);
@@ -51,6 +55,9 @@ pub enum AttemptError {
     /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// There is no classifier to decide.
+    #[error(transparent)]
+    Classifier(#[from] ActiveError),
     /// Stored JSON cannot be read, or a result not be written.
     #[error("JSON of an orientation: {0}")]
     Json(#[from] serde_json::Error),
@@ -87,6 +94,7 @@ impl AttemptError {
             Self::Picture(error) => failure("image_unusable", error.to_string()),
             Self::Crs(_) => failure("output_crs", self.to_string()),
             Self::Missing { .. } => failure("missing", self.to_string()),
+            Self::Classifier(ActiveError::Unreadable { .. }) => failure("classifier_unreadable", self.to_string()),
             _ => None,
         }
     }
@@ -103,7 +111,7 @@ pub fn oriented(
     control: &[ControlPoint],
     (prepared, work): (&Prepared, &Work),
     observer: &dyn Observer,
-) -> Result<(OrientationResult, Drawing), AttemptError> {
+) -> Result<Oriented, AttemptError> {
     let picture = ImageFile::open(path, limits)?;
     let camera = &work.task.camera;
     if picture.size_px() != [camera.width_px, camera.height_px] {
@@ -113,8 +121,33 @@ pub fn oriented(
     }
     let outcome = orient(&picture, control, &work.task, observer)?;
     let (approximation, warnings) = (prepared.approximation.clone(), prepared.warnings.clone());
-    let result = report::result(&outcome, &work.frame, &work.output, approximation, warnings)?;
-    Ok((result, Drawing::of(&outcome)))
+    let result = report::result(&outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
+    let accepted = outcome.diagnosis.verdict == Verdict::Green;
+    let sightings = outcome.control_points.iter().filter(|_| accepted).map(sighting).collect();
+    Ok(Oriented { result, drawing: Drawing::of(&outcome), record: Record::of(&outcome), sightings })
+}
+
+/// All that is kept of an oriented image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Oriented {
+    /// The answer.
+    pub result: OrientationResult,
+    /// What the overlay shows.
+    pub drawing: Drawing,
+    /// What the verdict rested on.
+    pub record: Record,
+    /// What an accepted image says of its control points.
+    pub sightings: Vec<(String, Sighting)>,
+}
+
+fn sighting(point: &ControlPointResult) -> (String, Sighting) {
+    let contradicts = point.sensitivity.is_some_and(|sensitivity| sensitivity.contradicts);
+    let sighting = match point.used {
+        false => Sighting::Missed,
+        true if contradicts => Sighting::Contradicts,
+        true => Sighting::Found,
+    };
+    (point.name.clone(), sighting)
 }
 
 /// All that an attempt needs from the database.
@@ -214,8 +247,10 @@ impl Inner {
             // ends when the watcher is dropped with the blocking task
             () = self.note(noted, lease, orientation.id) => blocking.await,
         };
-        let (result, drawing) = joined.map_err(panicked)??;
+        let Oriented { result, drawing, record, sightings } = joined.map_err(panicked)??;
         Ok(Finished {
+            record: serde_json::to_string(&record)?,
+            sightings,
             verdict: result.diagnosis.verdict.to_owned(),
             result: serde_json::to_string(&result)?,
             drawing: serde_json::to_string(&drawing)?,
@@ -227,7 +262,7 @@ impl Inner {
         let camera = self.store.camera(&orientation.camera_id.to_string()).await?;
         let camera = camera.ok_or(AttemptError::Missing { what: "camera" })?.camera;
         let prepared: Prepared = serde_json::from_str(&orientation.prepared)?;
-        let work = prepared.work(camera)?;
+        let work = prepared.work(camera, &self.active.get(&self.store).await?)?;
         let pool = self.store.pool();
         let control =
             control::around(pool, &work.frame, &camera, &work.task.approximation, self.settings.reach).await?;

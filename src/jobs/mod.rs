@@ -5,11 +5,14 @@
 //! waits again after the next start, but not for ever: an orientation that has taken the process down with it three
 //! times is given up.
 
+pub mod active;
 mod attempt;
+pub mod drift;
 mod queue;
 pub mod request;
 #[cfg(test)]
 mod tests;
+pub mod training;
 mod watcher;
 
 use std::collections::HashMap;
@@ -17,12 +20,14 @@ use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::{Semaphore, broadcast};
+use tokio::sync::{Notify, Semaphore, broadcast};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use uuid::Uuid;
 
-pub use attempt::{AttemptError, oriented};
+pub use attempt::{AttemptError, Oriented, oriented};
+
+use active::ActiveClassifier;
 
 use crate::control::near::Reach;
 use crate::features::Picture;
@@ -101,6 +106,8 @@ struct Inner {
     running: Mutex<HashMap<Uuid, Arc<Signal>>>,
     stopping: CancellationToken,
     drawing: Arc<Semaphore>,
+    active: ActiveClassifier,
+    to_train: Notify,
 }
 
 impl fmt::Debug for Jobs {
@@ -117,7 +124,9 @@ impl Jobs {
         let (changes, _) = broadcast::channel(CHANGES_KEPT);
         let (running, stopping) = (Mutex::default(), CancellationToken::new());
         let drawing = Arc::new(Semaphore::new(settings.workers));
-        Self(Arc::new(Inner { store, settings, orient, queue, changes, running, stopping, drawing }))
+        let (active, to_train) = (ActiveClassifier::default(), Notify::new());
+        let inner = Inner { store, settings, orient, queue, changes, running, stopping, drawing, active, to_train };
+        Self(Arc::new(inner))
     }
 
     /// Makes the tables of the queue, and takes up again what a former process has left.
@@ -166,16 +175,21 @@ impl Jobs {
             attempts.wait().await;
             quiet.cancel();
         };
+        let training = tokio::spawn(self.0.clone().train());
         let deliver = self.0.queue.deliver(self.0.settings.workers, handler, quiet.clone());
         tokio::select! {
             ((), ()) = async { tokio::join!(deliver, interrupt) } => {}
             () = self.tidy() => {}
         }
         attempts.wait().await;
+        if let Err(error) = training.await {
+            tracing::error!(%error, "the training of classifiers has panicked");
+        }
     }
 
     async fn tidy(&self) {
         loop {
+            self.0.gauge_drift().await;
             tokio::time::sleep(TIDY_INTERVAL).await;
             if let Err(error) = self.0.queue.forget_done().await {
                 tracing::warn!(%error, "the queue could not be tidied");
@@ -202,6 +216,19 @@ impl Jobs {
             self.0.gauge_queue(waiting as usize + 1);
         }
         Ok(())
+    }
+
+    /// Says that a classifier waits to be trained.
+    pub fn announce_training(&self) {
+        self.0.to_train.notify_one();
+    }
+
+    /// The classifier that decides at present.
+    ///
+    /// # Errors
+    /// [`ActiveError`](active::ActiveError).
+    pub async fn active_classifier(&self) -> Result<active::NamedClassifier, active::ActiveError> {
+        self.0.active.get(&self.0.store).await
     }
 
     /// Cancels an orientation that has not ended; `false` if it has, or if there is none.

@@ -1,6 +1,7 @@
 //! What the client asks for (contract, `POST /orientations`), and what becomes of it once everything in it is checked.
 
 mod approximation;
+mod policy;
 #[cfg(test)]
 mod tests;
 
@@ -9,11 +10,13 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use approximation::{ApproximationRequest, NUMBERS_ASSUMED};
+pub use policy::{CostsRequest, PolicyGiven};
 
+use super::active::NamedClassifier;
 use crate::geometry::{Camera, Crs, CrsError, ExteriorOrientation, LocalFrame, rotation};
 use crate::imagery::{ExifHeading, ExifPosition, Probe};
-use crate::pipeline::{Approximation, Task, Tolerance};
-use crate::report::{ApproximationUsed, Output, Vertical, Warning};
+use crate::pipeline::{Approximation, Judge, Task, Tolerance};
+use crate::report::{ApproximationUsed, ClassifierUsed, Output, Vertical, Warning};
 
 /// The tolerance if the request does not say.
 const TOLERANCE_GSD: f64 = 10.0;
@@ -38,6 +41,19 @@ pub struct OrientationRequest {
     /// The same in metres, instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance_m: Option<f64>,
+    /// What decisions cost: the verdict is green where accepting costs less than rejecting. Default: the service's, of
+    /// which the paper's are the default (0, 40, 5, 10).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub costs: Option<CostsRequest>,
+    /// So many times larger than the classifier says may the odds of being wrong be: 1 trusts it as in the area that it was
+    /// trained in. Default: what the classifier has shown in areas that it was not trained on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!(null))]
+    pub caution: Option<f64>,
+    /// T_d: green where the score exceeds it, whatever the costs. Scores mean something for one classifier only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!(null))]
+    pub threshold: Option<f64>,
     /// Which control is used; default: whatever there is. Control scenes are not available yet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlKind>,
@@ -95,6 +111,9 @@ pub struct Prepared {
     pub approximation: ApproximationUsed,
     /// What the verdict is about.
     pub tolerance: ToleranceGiven,
+    /// Costs and threshold.
+    #[serde(default)]
+    pub policy: PolicyGiven,
     /// The CRS of the result.
     pub output_crs: String,
     /// Above which its heights are, if not the ellipsoid.
@@ -122,6 +141,8 @@ pub struct Work {
     pub task: Task,
     /// Where the result is to be given.
     pub output: Output,
+    /// The classifier, as results name it.
+    pub decides: ClassifierUsed,
 }
 
 /// The faults of one request.
@@ -159,11 +180,12 @@ impl OrientationRequest {
         self.check_sizes(camera, image, &mut faults);
         self.check_what_is_not_there_yet(&mut faults);
         let tolerance = self.tolerance(&mut faults);
+        let policy = self.policy(&mut faults);
         let approximation = self.approximation.resolve(image, &mut faults, &mut warnings);
         let output = approximation.as_ref().and_then(|used| self.output(used, &mut faults, &mut warnings));
         match (approximation, tolerance, output) {
             (Some(approximation), Some(tolerance), Some((output_crs, output_vertical))) if faults.0.is_empty() => {
-                Ok(Prepared { approximation, tolerance, output_crs, output_vertical, warnings })
+                Ok(Prepared { approximation, tolerance, policy, output_crs, output_vertical, warnings })
             }
             _ => Err(faults.0),
         }
@@ -193,6 +215,19 @@ impl OrientationRequest {
                 "webhooks are not available yet; use `Prefer: wait=N` or the events of the orientation",
             );
         }
+    }
+
+    fn policy(&self, faults: &mut Faults) -> PolicyGiven {
+        if let Some(costs) = &self.costs {
+            costs.check(faults);
+        }
+        if let Some(caution) = self.caution {
+            policy::check_caution(caution, faults);
+        }
+        if let Some(threshold) = self.threshold {
+            policy::check_threshold(threshold, faults);
+        }
+        PolicyGiven { costs: self.costs, caution: self.caution, threshold: self.threshold }
     }
 
     fn tolerance(&self, faults: &mut Faults) -> Option<ToleranceGiven> {
@@ -239,15 +274,23 @@ fn geocentric(used: &ApproximationUsed) -> Result<Vector3<f64>, CrsError> {
 }
 
 impl Prepared {
+    /// The local frame in which the image is oriented: at the foot of the approximate position.
+    ///
+    /// # Errors
+    /// [`CrsError`] if a CRS that was known when the request came is not known any more.
+    pub fn frame(&self) -> Result<LocalFrame, CrsError> {
+        let place = LocalFrame::about(geocentric(&self.approximation)?);
+        Ok(LocalFrame::at(place.longitude_deg(), place.latitude_deg(), 0.0))
+    }
+
     /// The task for the pipeline.
     ///
     /// # Errors
     /// [`CrsError`] if a CRS that was known when the request came is not known any more.
-    pub fn work(&self, camera: Camera) -> Result<Work, CrsError> {
+    pub fn work(&self, camera: Camera, decides: &NamedClassifier) -> Result<Work, CrsError> {
         let used = &self.approximation;
         let geocentric_m = geocentric(used)?;
-        let place = LocalFrame::about(geocentric_m);
-        let frame = LocalFrame::at(place.longitude_deg(), place.latitude_deg(), 0.0);
+        let frame = self.frame()?;
         let radians = |degrees: Option<f64>| degrees.unwrap_or(0.0).to_radians();
         let orientation = ExteriorOrientation {
             projection_centre_m: frame.from_geocentric(geocentric_m),
@@ -271,6 +314,8 @@ impl Prepared {
             crs: Crs::parse(&self.output_crs)?,
             geoid_undulation_m: self.output_vertical.map(|vertical| vertical.geoid_undulation_m),
         };
-        Ok(Work { frame, task: Task { camera, approximation, tolerance }, output })
+        let judge = Judge { classifier: decides.loaded.classifier.clone(), policy: self.policy.policy() };
+        let decides = ClassifierUsed::of(&decides.name, &decides.loaded);
+        Ok(Work { frame, task: Task { camera, approximation, tolerance, judge }, output, decides })
     }
 }

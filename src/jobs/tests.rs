@@ -80,6 +80,10 @@ async fn upload(store: &Store, bytes: &[u8]) -> Uuid {
 fn outcome(task: &Task) -> Outcome {
     Outcome {
         cost: None,
+        evidence: None,
+        trials: vec![],
+        ground_height_m: None,
+        pairs: vec![],
         estimate: Some(Estimate {
             orientation: task.approximation.orientation,
             covariance: Matrix6::identity(),
@@ -98,6 +102,8 @@ fn outcome(task: &Task) -> Outcome {
             probability_correct: 0.9,
             features: None,
             reasons: vec![],
+            probably_right: vec![],
+            probably_wrong: vec![],
         },
     }
 }
@@ -315,7 +321,13 @@ async fn what_a_dead_process_left_is_taken_up_but_not_for_ever() {
     let row = jobs.wait(poison.id, PATIENCE).await.unwrap().unwrap();
     assert_eq!((row.status, row.error.unwrap().code.as_str()), (Status::Failed, "given_up"));
     // the dead process comes back: too late
-    let late = Finished { verdict: "red".into(), result: "{}".into(), drawing: "{}".into() };
+    let late = Finished {
+        verdict: "red".into(),
+        result: "{}".into(),
+        drawing: "{}".into(),
+        record: "{}".into(),
+        sightings: vec![],
+    };
     assert!(!bench.store.finish(stale, fresh.id, &late).await.unwrap());
     assert_eq!(bench.row(fresh.id).await.verdict.as_deref(), Some("green"));
 }

@@ -44,6 +44,8 @@ pub struct Adjustment {
     pub buildings: Vec<Building>,
     /// For each building whether each of its matches kept its weight.
     pub kept: Vec<Vec<bool>>,
+    /// For each building what was added to the variance of its shift because it does not fit, px².
+    pub excess: Vec<f64>,
 }
 
 impl Adjustment {
@@ -105,19 +107,44 @@ impl Model<'_> {
     #[must_use]
     pub fn adjust(&self, buildings: Vec<Building>, start: &ExteriorOrientation) -> Option<Adjustment> {
         let shift_prior = self.shift_prior(&buildings, start)?;
-        let mut orientation = *start;
-        let mut buildings = buildings;
+        let (mut orientation, mut buildings) = (*start, buildings);
         for weighting in STEPS {
-            let linear = self.linearised(&buildings, &orientation, weighting);
-            let (_, reduced) = self.reduced(&shift_prior, &buildings, &linear, &orientation)?;
-            let step = reduced.equations.solve()?;
-            orientation = orientation.moved(&step);
-            for (building, step) in buildings.iter_mut().zip(reduced.shift_steps(&step)) {
-                building.shift_px += step;
-            }
+            let excess = shift_prior.excess(&shifts_px(&buildings));
+            orientation = self.step(&shift_prior, &mut buildings, &orientation, weighting, &excess)?;
         }
+        let excess = shift_prior.excess(&shifts_px(&buildings));
+        self.ended(&shift_prior, buildings, orientation, excess)
+    }
+
+    /// One step of the orientation and of the shifts.
+    fn step(
+        &self,
+        shift_prior: &ShiftPrior,
+        buildings: &mut [Building],
+        at: &ExteriorOrientation,
+        weighting: Weighting,
+        excess: &[f64],
+    ) -> Option<ExteriorOrientation> {
+        let linear = self.linearised(buildings, at, weighting);
+        let information = shift_prior.information(excess)?;
+        let reduced = self.reduced(&information, buildings, &linear, at)?;
+        let step = reduced.equations.solve()?;
+        for (building, step) in buildings.iter_mut().zip(reduced.shift_steps(&step)) {
+            building.shift_px += step;
+        }
+        Some(at.moved(&step))
+    }
+
+    fn ended(
+        &self,
+        shift_prior: &ShiftPrior,
+        buildings: Vec<Building>,
+        orientation: ExteriorOrientation,
+        excess: Vec<f64>,
+    ) -> Option<Adjustment> {
         let linear = self.linearised(&buildings, &orientation, Weighting::Rejecting);
-        let (information, reduced) = self.reduced(&shift_prior, &buildings, &linear, &orientation)?;
+        let information = shift_prior.information(&excess)?;
+        let reduced = self.reduced(&information, &buildings, &linear, &orientation)?;
         let away = orientation.step_to(&self.prior.orientation);
         let squares = linear.iter().map(|l| l.squares).sum::<f64>()
             + shifts::squares(&information, &shifts_px(&buildings))
@@ -131,33 +158,37 @@ impl Model<'_> {
             redundancy,
             kept: linear.into_iter().map(|l| l.kept).collect(),
             buildings,
+            excess,
         })
     }
 
-    fn shift_prior(&self, buildings: &[Building], at: &ExteriorOrientation) -> Option<ShiftPrior> {
+    pub(super) fn shift_prior(&self, buildings: &[Building], at: &ExteriorOrientation) -> Option<ShiftPrior> {
         let control = || buildings.iter().map(|building| &self.control[building.control_point]);
         let places: Option<Vec<_>> = control().map(|point| at.reduced_px(1.0, point.reference_m)).collect();
         let sigmas_px: Vec<f64> = control().map(|point| sigma_control_px(self.camera, point, at)).collect();
         Some(ShiftPrior::new(&places?, &sigmas_px))
     }
 
-    /// The information on the shifts, and the normal equations of the six parameters.
+    /// The normal equations of the six parameters.
     fn reduced(
         &self,
-        shift_prior: &ShiftPrior,
+        information: &DMatrix<f64>,
         buildings: &[Building],
         linear: &[Linear],
         at: &ExteriorOrientation,
-    ) -> Option<(DMatrix<f64>, Reduced)> {
-        let shifts_px = shifts_px(buildings);
-        let information = shift_prior.information(&shifts_px)?;
+    ) -> Option<Reduced> {
         let of_buildings: Vec<BuildingEquations> = linear.iter().map(|l| l.equations.clone()).collect();
-        let mut reduced = shifts::eliminated(&of_buildings, &information, &shifts_px)?;
+        let mut reduced = shifts::eliminated(&of_buildings, information, &shifts_px(buildings))?;
         reduced.equations.add_prior(self.prior, at);
-        Some((information, reduced))
+        Some(reduced)
     }
 
-    fn linearised(&self, buildings: &[Building], at: &ExteriorOrientation, weighting: Weighting) -> Vec<Linear> {
+    pub(super) fn linearised(
+        &self,
+        buildings: &[Building],
+        at: &ExteriorOrientation,
+        weighting: Weighting,
+    ) -> Vec<Linear> {
         buildings.iter().map(|building| self.linear(building, at, weighting)).collect()
     }
 
@@ -241,8 +272,8 @@ impl EdgeVariance {
 
 /// The linearised observations of a building, and what became of them.
 #[derive(Default)]
-struct Linear {
-    equations: BuildingEquations,
+pub(super) struct Linear {
+    pub(super) equations: BuildingEquations,
     squares: f64,
     observations: usize,
     kept: Vec<bool>,
@@ -312,7 +343,7 @@ mod tests {
     fn drawn_shifts_px(control: &[ControlPoint], draws: &mut Draws) -> Vec<Vector2<f64>> {
         let places: Vec<_> = control.iter().map(|c| truth().reduced_px(1.0, c.reference_m).unwrap()).collect();
         let sigmas_px: Vec<_> = control.iter().map(|c| sigma_control_px(&camera(), c, &truth())).collect();
-        let covariance = ShiftPrior::new(&places, &sigmas_px).covariance(&vec![Vector2::zeros(); control.len()]);
+        let covariance = ShiftPrior::new(&places, &sigmas_px).covariance(&vec![0.0; control.len()]);
         let root = covariance.cholesky().unwrap().unpack();
         let coordinate = |draws: &mut Draws| &root * DVector::from_fn(control.len(), |_, _| draws.normal());
         let (x, y) = (coordinate(draws), coordinate(draws));

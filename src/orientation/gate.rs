@@ -77,9 +77,3 @@ impl Gate {
         away.dot(&(self.weight * away))
     }
 }
-
-/// The standard deviation in the direction in which it is largest.
-pub(super) fn largest_sigma(covariance: &Matrix2<f64>) -> f64 {
-    let (a, b, c) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
-    ((a + c) / 2.0 + ((a - c) / 2.0).hypot(b)).sqrt()
-}

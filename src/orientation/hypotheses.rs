@@ -5,12 +5,12 @@ use rayon::prelude::*;
 
 use super::ControlPoint;
 use super::extract::Extraction;
-use super::gate::{GATE, Gate, Located, Round, Scale, Seed, largest_sigma};
+use super::gate::{GATE, Gate, Located, Round, Scale, Seed};
 use super::locate::{Clustering, Peak, SHORTEST_EDGE_PX, shift_map};
 use super::predict::{Prediction, edges_on_frame_px};
 use super::search::{Candidate, HOPELESSLY_BEHIND, Hypothesis, Search, WIDE, reach, square};
 use super::views::{Narrowed, REACH_SIGMAS, narrowed};
-use crate::estimation::{PointObservation, Prior, Resection, resect};
+use crate::estimation::{PointObservation, Prior, Resection, largest_sigma, resect};
 use crate::features::PictureError;
 use crate::geometry::{ExteriorOrientation, Segment2};
 

@@ -10,6 +10,7 @@ pub mod matching;
 pub mod parallels;
 mod places;
 pub mod predict;
+mod reliability;
 pub mod search;
 pub mod select;
 pub mod shifts;

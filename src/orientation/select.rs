@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use super::ControlPoint;
-use super::gate::largest_sigma;
 use super::predict::{Approximation, Prediction};
+use crate::estimation::largest_sigma;
 use crate::geometry::Camera;
 
 /// So many standard deviations beside the frame a control point may still be in view.

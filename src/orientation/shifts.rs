@@ -94,21 +94,29 @@ impl ShiftPrior {
         Self { shared, own }
     }
 
-    /// The covariance of one coordinate. A building whose present shift is larger than usual loses weight as Student's
-    /// distribution has it; none gains.
-    pub(super) fn covariance(&self, shifts_px: &[Vector2<f64>]) -> DMatrix<f64> {
+    /// The covariance of one coordinate, with what is to be added to the variance of each building's own part.
+    pub(super) fn covariance(&self, excess: &[f64]) -> DMatrix<f64> {
         let mut covariance = self.shared.clone();
-        for (k, (own, shift_px)) in self.own.iter().zip(shifts_px).enumerate() {
-            let usual = own + SIGMA_SHARED_PX.powi(2);
-            let inflation = (FREEDOM + shift_px.norm_squared() / usual) / (FREEDOM + 2.0);
-            covariance[(k, k)] += own * inflation.max(1.0);
+        for (k, (own, excess)) in self.own.iter().zip(excess).enumerate() {
+            covariance[(k, k)] += own + excess;
         }
         covariance
     }
 
     /// Its inverse.
-    pub(super) fn information(&self, shifts_px: &[Vector2<f64>]) -> Option<DMatrix<f64>> {
-        Some(self.covariance(shifts_px).cholesky()?.inverse())
+    pub(super) fn information(&self, excess: &[f64]) -> Option<DMatrix<f64>> {
+        Some(self.covariance(excess).cholesky()?.inverse())
+    }
+
+    /// What is added to the variance of a building whose present shift is larger than usual: it loses weight as Student's
+    /// distribution has it; none gains.
+    pub(super) fn excess(&self, shifts_px: &[Vector2<f64>]) -> Vec<f64> {
+        let of_one = |(own, shift_px): (&f64, &Vector2<f64>)| {
+            let usual = own + SIGMA_SHARED_PX.powi(2);
+            let inflation = (FREEDOM + shift_px.norm_squared() / usual) / (FREEDOM + 2.0);
+            own * (inflation - 1.0).max(0.0)
+        };
+        self.own.iter().zip(shifts_px).map(of_one).collect()
     }
 }
 
@@ -179,7 +187,7 @@ mod tests {
         let buildings = buildings(&mut draws);
         let shifts_px: Vec<_> = (0..4).map(|_| Vector2::new(draws.normal(), draws.normal())).collect();
         let prior = ShiftPrior::new(&places(), &[0.3, 0.5, 0.2, 1.0]);
-        let information = prior.information(&shifts_px).unwrap();
+        let information = prior.information(&prior.excess(&shifts_px)).unwrap();
         // all unknowns at once: the six parameters, then x and y of the shift of each building
         let mut matrix = DMatrix::zeros(14, 14);
         let mut side = DVector::zeros(14);
@@ -215,7 +223,7 @@ mod tests {
 
     #[test]
     fn neighbours_are_alike_and_what_is_far_away_is_not() {
-        let covariance = ShiftPrior::new(&places(), &[0.0; 4]).covariance(&[Vector2::zeros(); 4]);
+        let covariance = ShiftPrior::new(&places(), &[0.0; 4]).covariance(&[0.0; 4]);
         let correlation = |i: usize, j: usize| covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt();
         assert!((covariance[(0, 0)].sqrt() - sigma_shift_px()).abs() < 1e-12);
         assert!(correlation(0, 1) > 0.5 && correlation(0, 2) < 0.05);
@@ -224,7 +232,7 @@ mod tests {
     #[test]
     fn a_large_shift_costs_weight_and_a_small_one_gains_none() {
         let prior = ShiftPrior::new(&places()[..1], &[0.5]);
-        let variance = |shift_px: f64| prior.covariance(&[Vector2::new(shift_px, 0.0)])[(0, 0)];
+        let variance = |shift_px: f64| prior.covariance(&prior.excess(&[Vector2::new(shift_px, 0.0)]))[(0, 0)];
         assert!((variance(0.0) - variance(1.0)).abs() < 1e-12);
         assert!(variance(8.0) > 4.0 * variance(0.0));
         // what a shift is pulled back with falls beyond some distance
@@ -235,7 +243,8 @@ mod tests {
     fn the_sum_of_squares_is_that_of_independent_standardised_shifts() {
         let far: Vec<_> = (0..3).map(|k| Vector2::new(100.0 * f64::from(k), 0.0)).collect();
         let shifts_px = [[0.4, -0.1], [0.2, 0.9], [-0.5, 0.3]].map(Vector2::from);
-        let information = ShiftPrior::new(&far, &[0.0; 3]).information(&shifts_px).unwrap();
+        let prior = ShiftPrior::new(&far, &[0.0; 3]);
+        let information = prior.information(&prior.excess(&shifts_px)).unwrap();
         let expected = shifts_px.iter().map(Vector2::norm_squared).sum::<f64>() / sigma_shift_px().powi(2);
         assert!((squares(&information, &shifts_px) - expected).abs() < 1e-9);
     }

@@ -1,13 +1,18 @@
 //! Runs the stages and the diagnosis for one image, reports progress, and obeys a cancel.
 
+mod assess;
 mod outcome;
 mod run;
+mod second_look;
+
+use std::sync::Arc;
 
 use nalgebra::{Matrix6, Vector2};
 
-use crate::diagnosis::Diagnosis;
+use crate::diagnosis::{Diagnosis, Evidence, Policy, Trial};
 use crate::features::PictureError;
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
+use crate::learning::Classifier;
 
 pub use self::run::orient;
 pub use crate::diagnosis::precision::GroundPrecision;
@@ -34,6 +39,17 @@ pub struct Task {
     pub approximation: Approximation,
     /// What the verdict is about.
     pub tolerance: Tolerance,
+    /// Who decides about it.
+    pub judge: Judge,
+}
+
+/// A classifier with the policy of the user.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Judge {
+    /// The classifier.
+    pub classifier: Arc<Classifier>,
+    /// Costs and threshold.
+    pub policy: Policy,
 }
 
 /// The stages, in order.
@@ -121,6 +137,44 @@ pub struct ControlPointResult {
     pub segments_matched: usize,
     /// Root mean square of the distances of its matched segments' ends from the projected edges.
     pub residual_px: Option<f64>,
+    /// How the result depends on it, if it took part and the others predict it.
+    pub sensitivity: Option<ControlPointSensitivity>,
+}
+
+/// How the result depends on a control point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControlPointSensitivity {
+    /// How far it was found from where all others expect it.
+    pub discrepancy_px: Vector2<f64>,
+    /// The same, squared and in units of its covariance: chi-square with 2 degrees of freedom.
+    pub test: f64,
+    /// Whether chance hardly explains that.
+    pub contradicts: bool,
+    /// On the ground.
+    pub ground: GroundBounds,
+}
+
+/// What leaving control points out does to the ground, and what an undetected error of them can do: planimetric, the
+/// worst of the nine points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundBounds {
+    /// So far the ground moves without them.
+    pub change_m: f64,
+    /// Empirical sensitivity: no function of a ground point changes by more than this without them.
+    pub empirical_m: f64,
+    /// Theoretical sensitivity: an undetected error of them does no more than this.
+    pub theoretical_m: f64,
+}
+
+/// How the result depends on two control points together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PairResult {
+    /// Indices into [`Outcome::control_points`].
+    pub control_points: [usize; 2],
+    /// Chi-square with 4 degrees of freedom.
+    pub test: f64,
+    /// On the ground.
+    pub ground: GroundBounds,
 }
 
 /// One edge under the final orientation, for the overlay. Pixels of the file.
@@ -176,6 +230,8 @@ pub struct Outcome {
     pub estimate: Option<Estimate>,
     /// The control points that were expected in the image.
     pub control_points: Vec<ControlPointResult>,
+    /// How the result depends on pairs of those that took part.
+    pub pairs: Vec<PairResult>,
     /// Their edges under the final orientation; empty without one.
     pub edges: Vec<EdgeResult>,
     /// The nine points of the ground at 5, 50 and 95 % of width and height; those whose rays miss it are left out.
@@ -184,6 +240,12 @@ pub struct Outcome {
     pub consensus: Option<ConsensusResult>,
     /// The verdict.
     pub diagnosis: Diagnosis,
+    /// What the verdict rests on; `None` without an orientation.
+    pub evidence: Option<Evidence>,
+    /// Orientations with points that were examined on the way, at most 64.
+    pub trials: Vec<Trial>,
+    /// Mean height of the control used, in the local frame: that of the plane on which errors are measured.
+    pub ground_height_m: Option<f64>,
     /// What it cost; `None` if there was nothing to search for.
     pub cost: Option<Cost>,
 }

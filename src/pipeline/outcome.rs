@@ -2,11 +2,12 @@
 
 use nalgebra::Vector2;
 
-use super::{ControlPointResult, EdgeResult, Outcome};
-use crate::diagnosis::Diagnosis;
+use super::{ControlPointResult, ControlPointSensitivity, EdgeResult, GroundBounds, Outcome, PairResult};
+use crate::diagnosis::{Diagnosis, GroundSensitivity, Sensitivities};
 use crate::geometry::{Camera, Segment2};
 use crate::orientation::adjust::{Adjustment, Building};
 use crate::orientation::extract::ObservedSegment;
+use crate::orientation::matching::Match;
 use crate::orientation::predict::{edges_on_frame_px, on_frame};
 use crate::orientation::search::Search;
 
@@ -16,10 +17,14 @@ impl Outcome {
         Self {
             estimate: None,
             control_points: Vec::new(),
+            pairs: Vec::new(),
             edges: Vec::new(),
             ground_precision: Vec::new(),
             consensus: None,
             diagnosis,
+            evidence: None,
+            trials: Vec::new(),
+            ground_height_m: None,
             cost: None,
         }
     }
@@ -29,10 +34,94 @@ impl Outcome {
 /// approximate one.
 pub(super) fn control_point_results(
     search: &Search,
-    adjustment: Option<&Adjustment>,
+    adjusted: Option<(&Adjustment, &Sensitivities)>,
     observed: &[ObservedSegment],
 ) -> Vec<ControlPointResult> {
-    in_view(search, adjustment).map(|index| control_point_result(search, adjustment, observed, index)).collect()
+    let adjustment = adjusted.map(|(adjustment, _)| adjustment);
+    let mut results: Vec<ControlPointResult> =
+        in_view(search, adjustment).map(|index| control_point_result(search, adjustment, observed, index)).collect();
+    if let Some((adjustment, sensitivities)) = adjusted {
+        let places = places(search, adjustment);
+        for of_one in &sensitivities.single {
+            let [member] = of_one.members;
+            if let Some(place) = places[member] {
+                results[place].sensitivity = Some(ControlPointSensitivity {
+                    discrepancy_px: of_one.discrepancy_px[0],
+                    test: of_one.test,
+                    contradicts: of_one.contradicts,
+                    ground: bounds(of_one),
+                });
+            }
+        }
+    }
+    results
+}
+
+/// How the result depends on pairs of control points.
+pub(super) fn pair_results(search: &Search, adjustment: &Adjustment, sensitivities: &Sensitivities) -> Vec<PairResult> {
+    let places = places(search, adjustment);
+    let result = |pair: &GroundSensitivity<2>| {
+        let [a, b] = pair.members.map(|member| places[member]);
+        Some(PairResult { control_points: [a?, b?], test: pair.test, ground: bounds(pair) })
+    };
+    sensitivities.pairs.iter().filter_map(result).collect()
+}
+
+/// For each building of an adjustment its place among the results.
+fn places(search: &Search, adjustment: &Adjustment) -> Vec<Option<usize>> {
+    let shown: Vec<usize> = in_view(search, Some(adjustment)).collect();
+    let place = |control_point: usize| shown.iter().position(|index| *index == control_point);
+    adjustment.buildings.iter().map(|building| place(building.control_point)).collect()
+}
+
+fn bounds<const MEMBERS: usize>(sensitivity: &GroundSensitivity<MEMBERS>) -> GroundBounds {
+    let GroundSensitivity { change_m, empirical_m, theoretical_m, .. } = *sensitivity;
+    GroundBounds { change_m, empirical_m, theoretical_m }
+}
+
+/// How much of the model edges has a line segment in the image, by length.
+pub(super) struct MatchedShares {
+    /// Of the control points that took part.
+    pub(super) of_used: f64,
+    /// Of all that are in view.
+    pub(super) of_all: f64,
+}
+
+/// The shares of the matched edges under the adjusted orientation.
+pub(super) fn matched_shares(search: &Search, adjustment: &Adjustment, observed: &[ObservedSegment]) -> MatchedShares {
+    let (mut matched_px, mut of_used_px, mut of_all_px) = (0.0, 0.0, 0.0);
+    for index in in_view(search, Some(adjustment)) {
+        let building = adjustment.buildings.iter().zip(&adjustment.kept).find(|(b, _)| b.control_point == index);
+        let used = building.is_some_and(|(_, kept)| kept.contains(&true));
+        let edges = edges_on_frame_px(search.camera, &adjustment.orientation, &search.control[index]);
+        for (number, edge) in edges.iter().enumerate() {
+            let Some(edge) = edge else { continue };
+            of_all_px += edge.length();
+            of_used_px += if used { edge.length() } else { 0.0 };
+            let Some((building, kept)) = building else { continue };
+            matched_px += covered_px(edge, kept_matches(building, kept, number), observed);
+        }
+    }
+    let share = |of_px: f64| if of_px > 0.0 { matched_px / of_px } else { 0.0 };
+    MatchedShares { of_used: share(of_used_px), of_all: share(of_all_px) }
+}
+
+/// The length of an edge that segments cover, each part once.
+fn covered_px<'m>(edge: &Segment2, matches: impl Iterator<Item = &'m Match>, observed: &[ObservedSegment]) -> f64 {
+    let (along, length_px) = (edge.direction(), edge.length());
+    let reach = |m: &Match| {
+        let Segment2 { start, end } = observed[m.segment].segment_px;
+        let [a, b] = [start, end].map(|p| along.dot(&(p - edge.start)).clamp(0.0, length_px));
+        [a.min(b), a.max(b)]
+    };
+    let mut parts: Vec<[f64; 2]> = matches.map(reach).collect();
+    parts.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let (mut covered_px, mut end_px) = (0.0, 0.0_f64);
+    for [from, to] in parts {
+        covered_px += (to - from.max(end_px)).max(0.0);
+        end_px = end_px.max(to);
+    }
+    covered_px
 }
 
 /// Indices of the control points that the results speak of, in their order: those whose reference point is on the frame
@@ -64,6 +153,7 @@ fn control_point_result(
         used: false,
         segments_matched: 0,
         residual_px: None,
+        sensitivity: None,
     };
     if let Some(((building, kept), adjustment)) = building {
         let reference = adjustment.orientation.reduced_px(camera.principal_distance_px, control_point.reference_m);
@@ -110,8 +200,12 @@ pub(super) fn edge_results(search: &Search, adjustment: &Adjustment, observed: &
 }
 
 fn pieces(building: &Building, kept: &[bool], edge: usize, observed: &[ObservedSegment]) -> Vec<Segment2> {
-    let of_edge = building.matches.iter().zip(kept).filter(|(found, kept)| found.edge == edge && **kept);
-    of_edge.map(|(found, _)| observed[found.segment].file_px).collect()
+    kept_matches(building, kept, edge).map(|found| observed[found.segment].file_px).collect()
+}
+
+fn kept_matches<'b>(building: &'b Building, kept: &'b [bool], edge: usize) -> impl Iterator<Item = &'b Match> {
+    let of_edge = building.matches.iter().zip(kept).filter(move |(found, kept)| found.edge == edge && **kept);
+    of_edge.map(|(found, _)| found)
 }
 
 fn in_file(camera: &Camera, edge: &Segment2) -> Segment2 {

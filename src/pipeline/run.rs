@@ -1,13 +1,16 @@
 //! One image from its pixels to its verdict.
 
 use nalgebra::Matrix6;
+use rand::SeedableRng as _;
+use rand::seq::index::sample;
+use rand_chacha::ChaCha8Rng;
 
-use super::outcome::{control_point_results, edge_results, in_view};
-use super::{
-    Approximation, ConsensusResult, Cost, Estimate, Fault, GroundPrecision, Observer, Outcome, Stage, Task, Tolerance,
+use super::assess::{Rivals, mean_height_m};
+use super::outcome::control_point_results;
+use super::{Approximation, ConsensusResult, Cost, Fault, Observer, Outcome, Stage, Task, Tolerance};
+use crate::diagnosis::{
+    Features, MOST_TRIALS, Trial, Verdict, d_max_m, lambda_max, not_oriented, reference_covariance,
 };
-use crate::diagnosis::thresholds::{Evidence, Thresholds, judge, not_oriented};
-use crate::diagnosis::{Diagnosis, Features, Verdict, d_max_m, ground_precision, lambda_max, reference_covariance};
 use crate::estimation::{
     Consensus, Guarantee, PointObservation, Prior, Resection, Survey, largest_consistent, quadruples, resect,
 };
@@ -20,7 +23,6 @@ use crate::orientation::extract::Extraction;
 use crate::orientation::predict::Prediction;
 use crate::orientation::search::{BEYOND_DOUBT, Found, HOPELESSLY_BEHIND, Hypothesis, Search};
 use crate::orientation::select::{maybe_in_view, well_spread};
-use crate::orientation::shifts::sigma_shift_px;
 
 /// Control points that an image is oriented by, at most: the search costs time for each, and a few dozen that are
 /// well spread say all.
@@ -91,24 +93,27 @@ impl Attempt {
 }
 
 /// What all stages of a run share.
-struct Run<'a> {
+pub(super) struct Run<'a> {
     picture: &'a dyn Picture,
-    task: &'a Task,
+    pub(super) task: &'a Task,
     observer: &'a dyn Observer,
     /// The share of the work that was done before.
     done: f64,
 }
 
 /// An orientation that was adjusted with lines.
-struct Solution {
-    adjustment: Adjustment,
-    log_odds: f64,
-    features: Features,
-    consensus: ConsensusResult,
+#[derive(Clone)]
+pub(super) struct Solution {
+    /// The orientation with points.
+    pub(super) by_points: Prediction,
+    pub(super) adjustment: Adjustment,
+    pub(super) log_odds: f64,
+    pub(super) features: Features,
+    pub(super) consensus: ConsensusResult,
 }
 
 impl Run<'_> {
-    fn enter(&self, stage: Stage, fraction: f64) -> Result<(), Fault> {
+    pub(super) fn enter(&self, stage: Stage, fraction: f64) -> Result<(), Fault> {
         self.progress(stage, fraction);
         if self.observer.cancelled() { Err(Fault::Cancelled) } else { Ok(()) }
     }
@@ -142,7 +147,9 @@ impl Run<'_> {
         let best_score = hypotheses.first().map_or(0.0, |best| best.score);
         let least_score = best_score - HOPELESSLY_BEHIND;
         let promising = hypotheses.iter().take(ADJUSTED).take_while(|h| h.score >= least_score).count();
-        let solutions = self.solutions(&search, &hypotheses[..promising], &mut extraction)?;
+        let mut trials = Vec::new();
+        let mut solutions = self.solutions(&search, &hypotheses[..promising], &mut extraction, &mut trials)?;
+        self.look_again(&search, &mut solutions, &mut extraction)?;
         self.enter(Stage::Diagnose, ALMOST_DONE)?;
         let cost =
             Some(Cost { search: report, adjusted: promising, pixels_read: extraction.pixels_read(), widened: false });
@@ -153,8 +160,9 @@ impl Run<'_> {
         let adjusted = solutions.iter().skip(1).map(|s| (&s.adjustment.orientation, s.log_odds));
         let not_adjusted = hypotheses[promising..].iter().map(|h| (&h.prediction.orientation, h.score));
         let rivals = adjusted.chain(not_adjusted).filter(|(other, _)| self.differ(&search, best, other));
-        let runner_up = rivals.map(|(_, log_odds)| log_odds).fold(0.0, f64::max);
-        let outcome = Outcome { cost, ..self.outcome(&search, &extraction, best, runner_up) };
+        let runner_up_log_odds = rivals.map(|(_, log_odds)| log_odds).fold(0.0, f64::max);
+        let rivals = Rivals { runner_up_log_odds, trials: selected(trials) };
+        let outcome = Outcome { cost, ..self.outcome(&search, &extraction, best, rivals) };
         Ok(Attempt { outcome, best_score })
     }
 
@@ -164,11 +172,12 @@ impl Run<'_> {
         search: &Search,
         hypotheses: &[Hypothesis],
         extraction: &mut Extraction,
+        trials: &mut Vec<Trial>,
     ) -> Result<Vec<Solution>, Fault> {
         let mut solutions = Vec::new();
         for (k, hypothesis) in hypotheses.iter().enumerate() {
             self.enter(Stage::Adjust, 0.75 + 0.2 * k as f64 / ADJUSTED as f64)?;
-            solutions.extend(self.solve(search, hypothesis, extraction)?);
+            solutions.extend(self.solve(search, hypothesis, extraction, trials)?);
         }
         solutions.sort_by(|a: &Solution, b| b.log_odds.total_cmp(&a.log_odds));
         Ok(solutions)
@@ -180,20 +189,22 @@ impl Run<'_> {
         search: &Search,
         hypothesis: &Hypothesis,
         extraction: &mut Extraction,
+        trials: &mut Vec<Trial>,
     ) -> Result<Option<Solution>, Fault> {
         let Some(prior) = search.approximation.prior(&hypothesis.prediction.orientation) else { return Ok(None) };
         let points = points(search, hypothesis);
         let Some(consensus) = self.consensus(&points, &prior, hypothesis) else { return Ok(None) };
-        let (start, features) = self.after_points(&points, &consensus, &prior);
+        trials.extend(self.trials(&points, &consensus, &prior));
+        let (by_points, features) = self.after_points(&points, &consensus, &prior);
         let consensus = ConsensusResult {
             guarantee: consensus.guarantee,
             subsets: consensus.subsets,
             control_points: points.len(),
             inliers: consensus.inliers.len(),
         };
-        let Some(adjustment) = adjust_with_lines(search, &start, extraction)? else { return Ok(None) };
+        let Some(adjustment) = adjust_with_lines(search, &by_points, extraction)? else { return Ok(None) };
         let log_odds = log_odds(search, &adjustment.prediction(), extraction)?;
-        Ok(Some(Solution { adjustment, log_odds, features, consensus }))
+        Ok(Some(Solution { by_points, adjustment, log_odds, features, consensus }))
     }
 
     /// Which of the located points agree: the largest set that is consistent. Where none is, by far more than the
@@ -204,7 +215,7 @@ impl Run<'_> {
         let principal_distance_px = self.task.camera.principal_distance_px;
         let survey = Survey { points, prior: Some(prior), start, principal_distance_px };
         let version_a = || {
-            let reference = self.reference(&hypothesis.prediction, points, prior);
+            let reference = self.reference(&hypothesis.prediction.orientation, points, prior);
             let acceptable = |fit: &Resection| {
                 let lambda = reference.as_ref().and_then(|r| lambda_max(&fit.covariance, r));
                 lambda.is_some_and(|l| l <= ACCEPTABLE_CONFIGURATION)
@@ -216,8 +227,9 @@ impl Run<'_> {
         };
         let all = || {
             let resection = resect(points, Some(prior), &start, principal_distance_px)?;
-            let inliers = (0..points.len()).collect();
-            Some(Consensus { resection, inliers, guarantee: Guarantee::Sampled, subsets: 1 })
+            let inliers: Vec<usize> = (0..points.len()).collect();
+            let examined = vec![inliers.clone()];
+            Some(Consensus { resection, inliers, guarantee: Guarantee::Sampled, subsets: 1, examined })
         };
         largest_consistent(&survey, LARGEST_SIGMA0, MOST_SUBSETS).or_else(version_a).or_else(all)
     }
@@ -231,25 +243,41 @@ impl Run<'_> {
         let fit = &consensus.resection;
         let inflation = fit.sigma0().max(1.0).powi(2);
         let prediction = Prediction { orientation: fit.orientation, covariance: fit.covariance * inflation };
+        (prediction, self.features(points, consensus.inliers.len(), fit, prior))
+    }
+
+    /// The paper's features of a resection with some of the located points.
+    fn features(&self, points: &[PointObservation], inliers: usize, fit: &Resection, prior: &Prior) -> Features {
         let configuration = self
-            .reference(&prediction, points, prior)
+            .reference(&fit.orientation, points, prior)
             .and_then(|reference| lambda_max(&fit.covariance, &reference))
             .unwrap_or(f64::INFINITY);
-        let features = Features {
+        Features {
             control_points: points.len(),
-            eliminated: points.len().saturating_sub(consensus.inliers.len()),
+            eliminated: points.len().saturating_sub(inliers),
             log_sigma0: fit.sigma0().max(SMALLEST_SIGMA0).ln(),
             log_configuration: configuration.min(LARGEST_CONFIGURATION).ln(),
+        }
+    }
+
+    /// The sets of points that the search for the consensus has examined, each with its own resection.
+    fn trials(&self, points: &[PointObservation], consensus: &Consensus, prior: &Prior) -> Vec<Trial> {
+        let start = &consensus.resection.orientation;
+        let trial = |set: &Vec<usize>| {
+            let chosen: Vec<PointObservation> = set.iter().map(|&index| points[index]).collect();
+            let fit = resect(&chosen, Some(prior), start, self.task.camera.principal_distance_px)?;
+            let features = self.features(points, chosen.len(), &fit, prior);
+            Some(Trial { features, orientation: fit.orientation })
         };
-        (prediction, features)
+        consensus.examined.iter().filter_map(trial).collect()
     }
 
     /// The covariance with four control points in the image corners, located as well as these.
-    fn reference(&self, prediction: &Prediction, points: &[PointObservation], prior: &Prior) -> Option<Matrix6<f64>> {
+    fn reference(&self, at: &ExteriorOrientation, points: &[PointObservation], prior: &Prior) -> Option<Matrix6<f64>> {
         let count = points.len() as f64;
         let height_m = points.iter().map(|p| p.object_m.z).sum::<f64>() / count;
         let sigma_px = points.iter().map(|p| p.sigma_px).sum::<f64>() / count;
-        reference_covariance(&self.task.camera, &prediction.orientation, height_m, sigma_px, Some(prior))
+        reference_covariance(&self.task.camera, at, height_m, sigma_px, Some(prior))
     }
 
     /// Whether another orientation sees the ground differently by more than the user can accept.
@@ -259,7 +287,7 @@ impl Run<'_> {
         d_max_m(&self.task.camera, other, own, height_m).is_none_or(|d| d > self.tolerance_m(own, height_m))
     }
 
-    fn tolerance_m(&self, orientation: &ExteriorOrientation, height_m: f64) -> f64 {
+    pub(super) fn tolerance_m(&self, orientation: &ExteriorOrientation, height_m: f64) -> f64 {
         match self.task.tolerance {
             Tolerance::Metres(metres) => metres,
             Tolerance::Gsd(gsd) => {
@@ -281,79 +309,26 @@ impl Run<'_> {
         outcome.control_points = control_point_results(search, None, &[]);
         outcome
     }
-
-    fn outcome(&self, search: &Search, extraction: &Extraction, best: &Solution, runner_up: f64) -> Outcome {
-        let camera = &self.task.camera;
-        let adjustment = &best.adjustment;
-        let prediction = adjustment.prediction();
-        let height_m = mean_height_m(search.control, adjustment);
-        let ground = ground_precision(camera, &prediction.orientation, &prediction.covariance, height_m);
-        let configuration = self.configuration(search, adjustment, height_m);
-        let diagnosis = self.diagnosis(search, best, runner_up, &ground, height_m, configuration);
-        Outcome {
-            estimate: Some(Estimate {
-                orientation: adjustment.orientation,
-                covariance: prediction.covariance,
-                sigma0: adjustment.sigma0(),
-                redundancy: adjustment.redundancy,
-                configuration: configuration.min(LARGEST_CONFIGURATION),
-            }),
-            control_points: control_point_results(search, Some(adjustment), extraction.segments()),
-            edges: edge_results(search, adjustment, extraction.segments()),
-            ground_precision: ground,
-            consensus: Some(best.consensus),
-            diagnosis,
-            cost: None,
-        }
-    }
-
-    fn diagnosis(
-        &self,
-        search: &Search,
-        best: &Solution,
-        runner_up: f64,
-        ground: &[GroundPrecision],
-        height_m: f64,
-        configuration: f64,
-    ) -> Diagnosis {
-        let adjustment = &best.adjustment;
-        let sigma = ground.iter().map(|g| g.sigma_planimetric_m).fold(0.0, f64::max);
-        let away = self.task.approximation.prior(&adjustment.orientation).map_or(f64::INFINITY, |prior| {
-            let step = adjustment.orientation.step_to(&prior.orientation);
-            step.dot(&(prior.information * step))
-        });
-        let evidence = Evidence {
-            features: best.features,
-            sigma0: adjustment.sigma0(),
-            configuration,
-            control_points: adjustment.held_by().count(),
-            control_points_in_view: in_view(search, Some(adjustment)).count(),
-            sigma_planimetric_m: if ground.len() == 9 { sigma } else { f64::INFINITY },
-            tolerance_m: self.tolerance_m(&adjustment.orientation, height_m),
-            log_odds: best.log_odds,
-            runner_up_log_odds: runner_up,
-            distance_from_approximation: away,
-        };
-        judge(&evidence, &Thresholds::default())
-    }
-
-    /// lambda_max against four buildings in the image corners, as exactly known as these.
-    fn configuration(&self, search: &Search, adjustment: &Adjustment, height_m: f64) -> f64 {
-        let camera = &self.task.camera;
-        let orientation = &adjustment.orientation;
-        let depth_m = (orientation.projection_centre_m.z - height_m).max(1.0);
-        let sigma_m = mean(adjustment.held_by().map(|index| search.control[index].sigma_m));
-        let sigma_px = (sigma_m * camera.principal_distance_px / depth_m).hypot(sigma_shift_px());
-        let prior = search.approximation.prior(orientation);
-        reference_covariance(camera, orientation, height_m, sigma_px, prior.as_ref())
-            .and_then(|reference| lambda_max(&adjustment.covariance, &reference))
-            .unwrap_or(f64::INFINITY)
-    }
 }
 
 /// Logarithms stay finite.
 const SMALLEST_SIGMA0: f64 = 1e-3;
-const LARGEST_CONFIGURATION: f64 = 1e9;
+pub(super) const LARGEST_CONFIGURATION: f64 = 1e9;
+
+/// Of all trials those that are kept: half of them are the best by residual, the others a draw of the rest.
+fn selected(mut trials: Vec<Trial>) -> Vec<Trial> {
+    trials.sort_by(|a, b| a.features.log_sigma0.total_cmp(&b.features.log_sigma0));
+    if trials.len() > MOST_TRIALS {
+        let rest = trials.split_off(MOST_TRIALS / 2);
+        let mut draws = ChaCha8Rng::seed_from_u64(SEED_OF_TRIALS);
+        let mut drawn = sample(&mut draws, rest.len(), MOST_TRIALS - MOST_TRIALS / 2).into_vec();
+        drawn.sort_unstable();
+        trials.extend(drawn.into_iter().map(|k| rest[k].clone()));
+    }
+    trials
+}
+
+const SEED_OF_TRIALS: u64 = 64;
 
 /// The located control points as observations, surest first.
 fn points(search: &Search, hypothesis: &Hypothesis) -> Vec<PointObservation> {
@@ -379,14 +354,4 @@ fn typical_edge_px(control: &[ControlPoint], camera: &Camera, approximation: &Ap
         return 0.0;
     }
     *lengths_px.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
-/// The mean height of the control used.
-fn mean_height_m(control: &[ControlPoint], adjustment: &Adjustment) -> f64 {
-    mean(adjustment.held_by().map(|index| control[index].reference_m.z))
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
-    sum / f64::max(count, 1.0)
 }

@@ -7,14 +7,17 @@ pub mod result;
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector2, Vector3};
 
 pub use position::{Position, Vertical, Warning};
-pub use result::{ApproximationOrigin, ApproximationUsed, OrientationResult, Origin};
+pub use result::{ApproximationOrigin, ApproximationUsed, ClassifierUsed, OrientationResult, Origin};
 
 use crate::diagnosis::{Diagnosis, Features, Verdict};
 use crate::geometry::{Crs, CrsError, LocalFrame, rotation};
-use crate::pipeline::{ConsensusResult, ControlPointResult, Cost, Estimate, GroundPrecision, Outcome, SearchReport};
+use crate::pipeline::{
+    ConsensusResult, ControlPointResult, ControlPointSensitivity, Cost, Estimate, GroundBounds, GroundPrecision,
+    Outcome, PairResult, SearchReport,
+};
 use result::{
     ConsensusReport, ControlPointReport, CostReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint,
-    ReasonReport, RotationResult,
+    PairSensitivityReport, ReasonReport, RotationResult, SensitivityReport,
 };
 
 /// Where the answer is to be given.
@@ -52,6 +55,7 @@ pub fn result(
     output: &Output,
     approximation: ApproximationUsed,
     warnings: Vec<Warning>,
+    decides: ClassifierUsed,
 ) -> Result<OrientationResult, CrsError> {
     let mut result = OrientationResult {
         projection_centre: None,
@@ -63,7 +67,8 @@ pub fn result(
         control_points: outcome.control_points.iter().map(control_point).collect(),
         ground_precision: outcome.ground_precision.iter().filter_map(|p| ground_point(p, frame, output)).collect(),
         consensus: outcome.consensus.as_ref().map(consensus),
-        diagnosis: diagnosis(&outcome.diagnosis),
+        pairs: pairs(outcome),
+        diagnosis: diagnosis(&outcome.diagnosis, decides),
         warnings,
         approximation,
         search: outcome.cost.as_ref().map(cost),
@@ -168,7 +173,43 @@ fn control_point(point: &ControlPointResult) -> ControlPointReport {
         used: point.used,
         segments_matched: point.segments_matched,
         residual_px: point.residual_px.and_then(finite),
+        sensitivity: point.sensitivity.as_ref().and_then(sensitivity),
     }
+}
+
+fn sensitivity(of_point: &ControlPointSensitivity) -> Option<SensitivityReport> {
+    let GroundBounds { change_m, empirical_m, theoretical_m } = of_point.ground;
+    Some(SensitivityReport {
+        discrepancy_px: pixel(of_point.discrepancy_px)?,
+        test: finite(of_point.test)?,
+        contradicts: of_point.contradicts,
+        change_m: finite(change_m)?,
+        empirical_m: finite(empirical_m)?,
+        theoretical_m: finite(theoretical_m)?,
+    })
+}
+
+/// Pairs that are told.
+const MOST_PAIRS: usize = 20;
+
+/// The pairs without which the ground moves most, or may be wrong most.
+fn pairs(outcome: &Outcome) -> Vec<PairSensitivityReport> {
+    let mut pairs: Vec<&PairResult> = outcome.pairs.iter().collect();
+    let weight = |pair: &PairResult| pair.ground.change_m.max(pair.ground.theoretical_m);
+    pairs.sort_by(|a, b| weight(b).total_cmp(&weight(a)));
+    let report = |pair: &PairResult| {
+        let GroundBounds { change_m, empirical_m, theoretical_m } = pair.ground;
+        let name = |index: usize| outcome.control_points.get(index).map(|point| point.name.clone());
+        let [a, b] = pair.control_points;
+        Some(PairSensitivityReport {
+            control_points: [name(a)?, name(b)?],
+            test: finite(pair.test)?,
+            change_m: finite(change_m)?,
+            empirical_m: finite(empirical_m)?,
+            theoretical_m: finite(theoretical_m)?,
+        })
+    };
+    pairs.into_iter().take(MOST_PAIRS).filter_map(report).collect()
 }
 
 fn ground_point(point: &GroundPrecision, frame: &LocalFrame, output: &Output) -> Option<GroundPoint> {
@@ -179,7 +220,7 @@ fn ground_point(point: &GroundPrecision, frame: &LocalFrame, output: &Output) ->
     })
 }
 
-fn diagnosis(diagnosis: &Diagnosis) -> DiagnosisReport {
+fn diagnosis(diagnosis: &Diagnosis, decides: ClassifierUsed) -> DiagnosisReport {
     DiagnosisReport {
         verdict: verdict_name(diagnosis.verdict),
         score: finite(diagnosis.score),
@@ -191,6 +232,9 @@ fn diagnosis(diagnosis: &Diagnosis) -> DiagnosisReport {
             .iter()
             .map(|reason| ReasonReport { code: reason.code, detail: reason.detail.clone() })
             .collect(),
+        probably_right: diagnosis.probably_right.clone(),
+        probably_wrong: diagnosis.probably_wrong.clone(),
+        classifier: decides,
     }
 }
 

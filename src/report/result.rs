@@ -4,6 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::position::{Position, Warning};
+use crate::classifiers::Loaded;
 
 /// What was found out about an image. Parts that do not exist, because the image could not be oriented, are left out.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -28,6 +29,8 @@ pub struct OrientationResult {
     pub configuration: Option<f64>,
     /// The control points that were expected in the image.
     pub control_points: Vec<ControlPointReport>,
+    /// How the result depends on pairs of control points: those that matter most, at most twenty.
+    pub pairs: Vec<PairSensitivityReport>,
     /// Predicted precision on the ground at the image points at 5, 50 and 95 % of width and height, on the horizontal
     /// plane at the mean height of the control used.
     pub ground_precision: Vec<GroundPoint>,
@@ -125,6 +128,9 @@ pub struct ControlPointReport {
     /// Root mean square distance of the ends of its matched line segments from its projected edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub residual_px: Option<f64>,
+    /// How the result depends on it, if it took part and the others say where it should be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensitivity: Option<SensitivityReport>,
 }
 
 /// Predicted precision of one point of the ground, if the orientation is right.
@@ -175,6 +181,68 @@ pub struct DiagnosisReport {
     pub features: Option<FeatureReport>,
     /// The one that decided first.
     pub reasons: Vec<ReasonReport>,
+    /// Control points that agree with one another: what is probably right.
+    pub probably_right: Vec<String>,
+    /// Control points that took part and contradict all others: what is probably wrong.
+    pub probably_wrong: Vec<String>,
+    /// Which classifier has decided.
+    pub classifier: ClassifierUsed,
+}
+
+/// The classifier that a verdict is of.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct ClassifierUsed {
+    /// Its name; `shipped` for the one that the program brings along.
+    #[schema(example = "shipped")]
+    pub name: String,
+    /// `paper`, `one_feature`, `evidence_svm` or `evidence_logistic`.
+    #[schema(example = "evidence_logistic")]
+    pub kind: String,
+    /// SHA-256 of its model, scaling and description: the same hash decides the same.
+    pub sha256: String,
+}
+
+impl ClassifierUsed {
+    /// A classifier by its name.
+    #[must_use]
+    pub fn of(name: &str, loaded: &Loaded) -> Self {
+        Self { name: name.to_owned(), kind: loaded.description.kind.clone(), sha256: loaded.hash() }
+    }
+}
+
+/// How the result depends on a control point: planimetric distances on the ground, the worst of the nine points.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct SensitivityReport {
+    /// How far it was found from where all other control points expect it.
+    #[schema(value_type = Vec<f64>)]
+    pub discrepancy_px: [f64; 2],
+    /// The squared discrepancy in units of its covariance (T): chi-square with 2 degrees of freedom, 1 where the control
+    /// point was observed in one direction only.
+    pub test: f64,
+    /// Whether chance hardly explains that (0.1 %).
+    pub contradicts: bool,
+    /// So far the ground moves if it is left out.
+    pub change_m: f64,
+    /// Empirical sensitivity: leaving it out changes no coordinate of a ground point by more than this.
+    pub empirical_m: f64,
+    /// Theoretical sensitivity: an error of it that its test does not find (4 of 5 times) does no more than this.
+    pub theoretical_m: f64,
+}
+
+/// How the result depends on two control points together.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct PairSensitivityReport {
+    /// Their names.
+    #[schema(value_type = Vec<String>)]
+    pub control_points: [String; 2],
+    /// Chi-square with at most 4 degrees of freedom.
+    pub test: f64,
+    /// So far the ground moves if both are left out.
+    pub change_m: f64,
+    /// Leaving them out changes no coordinate of a ground point by more than this.
+    pub empirical_m: f64,
+    /// An error of both that their test does not find does no more than this.
+    pub theoretical_m: f64,
 }
 
 /// What the diagnosis looks at.

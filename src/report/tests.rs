@@ -26,6 +26,10 @@ fn local_covariance() -> Matrix6<f64> {
     scale * root * root.transpose() * scale
 }
 
+fn decides() -> ClassifierUsed {
+    ClassifierUsed { name: "shipped".into(), kind: "paper".into(), sha256: "00".into() }
+}
+
 fn outcome() -> Outcome {
     let point = |used| ControlPointResult {
         name: "church".into(),
@@ -34,10 +38,24 @@ fn outcome() -> Outcome {
         used,
         segments_matched: 7,
         residual_px: Some(0.4),
+        sensitivity: Some(ControlPointSensitivity {
+            discrepancy_px: Vector2::new(1.0, -2.0),
+            test: 3.0,
+            contradicts: false,
+            ground: GroundBounds { change_m: 0.1, empirical_m: 0.2, theoretical_m: 0.3 },
+        }),
     };
     let segment = Segment2 { start: Vector2::new(1.0, 2.0), end: Vector2::new(3.0, 4.0) };
     Outcome {
         cost: None,
+        evidence: None,
+        trials: vec![],
+        ground_height_m: None,
+        pairs: vec![PairResult {
+            control_points: [0, 0],
+            test: 4.0,
+            ground: GroundBounds { change_m: 0.4, empirical_m: 0.5, theoretical_m: 0.6 },
+        }],
         estimate: Some(Estimate {
             orientation: orientation(),
             covariance: local_covariance(),
@@ -65,6 +83,8 @@ fn outcome() -> Outcome {
             probability_correct: 0.99,
             features: Some(Features { control_points: 12, eliminated: 1, log_sigma0: 0.1, log_configuration: 0.8 }),
             reasons: vec![Reason { code: "fine", detail: "Everything agrees.".into() }],
+            probably_right: vec!["church".into()],
+            probably_wrong: vec![],
         },
     }
 }
@@ -87,7 +107,7 @@ fn output(crs: &str) -> Output {
 }
 
 fn reported(outcome: &Outcome, crs: &str) -> OrientationResult {
-    result(outcome, &frame(), &output(crs), approximation(), vec![]).unwrap()
+    result(outcome, &frame(), &output(crs), approximation(), vec![], decides()).unwrap()
 }
 
 fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
@@ -114,7 +134,7 @@ fn the_rotation_in_another_tangent_plane_sees_the_same() {
 fn the_rotation_in_a_map_grid_sees_nearly_the_same() {
     let grid = "EPSG:25832";
     let frame = LocalFrame::at(11.4, 52.0, 0.0);
-    let result = result(&outcome(), &frame, &output(grid), approximation(), vec![]).unwrap();
+    let result = result(&outcome(), &frame, &output(grid), approximation(), vec![], decides()).unwrap();
     let ground_m = Vector3::new(220.0, 177.0, 80.0);
     let ground_there = output(grid).position(frame.to_geocentric(ground_m)).unwrap();
     let centre = Vector3::from(result.projection_centre.unwrap().coordinates);
@@ -202,6 +222,7 @@ fn the_json_has_the_names_of_the_contract() {
             "configuration",
             "control_points",
             "ground_precision",
+            "pairs",
             "consensus",
             "diagnosis",
             "warnings",
@@ -211,10 +232,30 @@ fn the_json_has_the_names_of_the_contract() {
     expect("/projection_centre", vec!["crs", "coordinates"]);
     expect("/rotation", vec!["frame", "rotation_matrix", "omega_deg", "phi_deg", "kappa_deg"]);
     expect("/covariance", vec!["order", "matrix"]);
-    expect("/control_points/0", vec!["name", "predicted_px", "located_px", "used", "segments_matched", "residual_px"]);
+    expect(
+        "/control_points/0",
+        vec!["name", "predicted_px", "located_px", "used", "segments_matched", "residual_px", "sensitivity"],
+    );
+    let sensitivity = vec!["discrepancy_px", "test", "contradicts", "change_m", "empirical_m", "theoretical_m"];
+    expect("/control_points/0/sensitivity", sensitivity);
+    expect("/pairs/0", vec!["control_points", "test", "change_m", "empirical_m", "theoretical_m"]);
     expect("/ground_precision/0", vec!["image_px", "ground", "sigma_planimetric_m"]);
     expect("/consensus", vec!["search", "subsets_examined", "control_points", "inliers"]);
-    expect("/diagnosis", vec!["verdict", "score", "threshold", "probability_correct", "features", "reasons"]);
+    expect(
+        "/diagnosis",
+        vec![
+            "verdict",
+            "score",
+            "threshold",
+            "probability_correct",
+            "features",
+            "reasons",
+            "probably_right",
+            "probably_wrong",
+            "classifier",
+        ],
+    );
+    expect("/diagnosis/classifier", vec!["name", "kind", "sha256"]);
     expect("/diagnosis/features", vec!["control_points", "eliminated", "log_sigma0", "log_configuration"]);
     expect("/diagnosis/reasons/0", vec!["code", "detail"]);
     assert_eq!(value["covariance"]["order"], json!(["x_m", "y_m", "z_m", "omega_rad", "phi_rad", "kappa_rad"]));

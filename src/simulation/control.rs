@@ -28,6 +28,11 @@ pub struct ControlSettings {
     /// Standard deviation of a shift of each single edge across itself on the map, as of a gutter that was taken for
     /// the rim of the roof. None.
     pub sigma_edge_m: f64,
+    /// Standard deviation, in each coordinate, of a strain of the block that the control was measured in: what neighbours
+    /// have in common of the shifts of their models. None.
+    pub sigma_strain_m: f64,
+    /// Over this distance the strain loses most of what it has in common. 60 m.
+    pub strain_length_m: f64,
     /// The share of the edges that were not measured; no model has fewer than [`LEAST_EDGES`]. None.
     pub share_missing: f64,
 }
@@ -44,6 +49,8 @@ impl Default for ControlSettings {
             share_gone: 0.0,
             sigma_shift_m: 0.0,
             sigma_edge_m: 0.0,
+            sigma_strain_m: 0.0,
+            strain_length_m: 60.0,
             share_missing: 0.0,
         }
     }
@@ -81,13 +88,68 @@ pub struct SimulatedControlPoint {
 pub fn survey(town: &Town, seed: u64, settings: &ControlSettings) -> Vec<SimulatedControlPoint> {
     let draws = &mut Draws::new(seed, Purpose::Control);
     let errors = &mut Draws::new(seed, Purpose::ModelErrors);
+    let strain = Strain::draw(seed, settings);
     let mut houses: Vec<usize> = (0..town.buildings.len())
         .filter(|&index| town.buildings[index].purpose == super::building::Use::Main)
         .collect();
     draws.shuffle(&mut houses);
     houses.truncate((houses.len() as f64 * settings.share).round() as usize);
     houses.sort_unstable();
-    houses.into_iter().map(|index| measure(index, &town.buildings[index], settings, draws, errors)).collect()
+    let measured = |index: usize| {
+        let mut point = measure(index, &town.buildings[index], settings, draws, errors);
+        point.shift(strain.at(point.control_point.reference_m));
+        point
+    };
+    houses.into_iter().map(measured).collect()
+}
+
+/// A strain of a block: a few long waves.
+struct Strain {
+    waves: Vec<Wave>,
+}
+
+struct Wave {
+    amplitude_m: Vector3<f64>,
+    /// Radians a metre, east and north.
+    frequency: Vector2<f64>,
+    phase: f64,
+}
+
+impl Strain {
+    const WAVES: u32 = 6;
+
+    fn draw(seed: u64, settings: &ControlSettings) -> Self {
+        let draws = &mut Draws::new(seed, Purpose::Strain);
+        // a cosine has half the square of its amplitude for a variance
+        let sigma_m = settings.sigma_strain_m * (2.0 / f64::from(Self::WAVES)).sqrt();
+        let wave = |_| {
+            let length_m = settings.strain_length_m * draws.between(2.5, 7.0);
+            let towards = direction(draws.between(0.0, std::f64::consts::TAU));
+            Wave {
+                amplitude_m: Vector3::from_fn(|_, _| sigma_m * draws.normal()),
+                frequency: towards * (std::f64::consts::TAU / length_m),
+                phase: draws.between(0.0, std::f64::consts::TAU),
+            }
+        };
+        Self { waves: (0..Self::WAVES).map(wave).collect() }
+    }
+
+    fn at(&self, place_m: Vector3<f64>) -> Vector3<f64> {
+        self.waves.iter().map(|w| w.amplitude_m * libm::cos(w.frequency.dot(&place_m.xy()) + w.phase)).sum()
+    }
+}
+
+impl SimulatedControlPoint {
+    /// Shifts the whole model.
+    fn shift(&mut self, by_m: Vector3<f64>) {
+        let point = &mut self.control_point;
+        point.reference_m += by_m;
+        for edge in &mut point.edges_m {
+            edge.start += by_m;
+            edge.end += by_m;
+        }
+        self.shift_m += by_m;
+    }
 }
 
 /// `errors` draws what goes wrong beside the measuring, so that the measuring is the same without it.

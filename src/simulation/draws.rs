@@ -16,6 +16,8 @@ pub(crate) enum Purpose {
     Foliage = 6,
     Mixture = 7,
     WildNavigation = 8,
+    Strain = 9,
+    Tolerance = 10,
 }
 
 /// A stream of draws. A clone of it gives the same draws once more.

@@ -18,8 +18,8 @@
 //! - Houses are single rectangles under a gable, a hip or a flat roof. There are no dormers, wings, half-hips, gutters
 //!   or thick rims, so that few lines run parallel to a roof edge a few pixels beside it. What real control suffers
 //!   from them is simulated in the control alone (`ControlSettings::sigma_shift_m`, `sigma_edge_m`), not in the picture.
-//! - The errors of models are normal and independent from building to building; a real block is slightly strained, so
-//!   that neighbours err alike.
+//! - The errors of models are normal and, unless a strain is asked for, independent from building to building; a real
+//!   block is slightly strained, so that neighbours err alike.
 //! - All roofs are seen on one day in one light. There are no roofs of grass, no snow, no reflecting water or glass, no
 //!   clouds' shadows and no penumbra. A tree in winter has fewer balls of leaves, not branches. Haze is even.
 //! - Trees are heaps of balls without branches; few reach over roofs. A real village hides more of its eaves.

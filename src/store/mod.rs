@@ -1,14 +1,18 @@
-//! What the service remembers: cameras, images, keys, and the answers to repeated requests, in one data folder.
+//! What the service remembers: cameras, images, keys, orientations with their references, classifiers, and the answers to
+//! repeated requests, in one data folder.
 //!
 //! `gable.db` is an SQLite database in write-ahead mode that syncs every commit; `images/` holds the uploaded files by
 //! their SHA-256; `incoming/` the uploads under way. Other rooms keep their own tables in the same database through
 //! [`Store::pool`].
 
 pub mod cameras;
+pub mod classifiers;
 pub mod idempotency;
 pub mod images;
 pub mod keys;
 pub mod orientations;
+pub mod references;
+pub mod sightings;
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -86,6 +90,8 @@ pub struct FolderLock {
     _file: File,
 }
 
+/// The folder of labelled sets that were uploaded to train from, until that is done.
+pub const TRAINING: &str = "training";
 const CONNECTIONS: u32 = 8;
 const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -95,7 +101,9 @@ impl Store {
     /// # Errors
     /// [`StoreError`] if the folder cannot be used, or the database is damaged, newer than this version or not durable.
     pub async fn open(folder: &Path) -> Result<Self, StoreError> {
-        for part in [folder.to_owned(), folder.join(images::FOLDER), folder.join(images::INCOMING)] {
+        for part in
+            [folder.to_owned(), folder.join(images::FOLDER), folder.join(images::INCOMING), folder.join(TRAINING)]
+        {
             std::fs::create_dir_all(&part).map_err(|source| StoreError::File {
                 action: "cannot create",
                 path: part.clone(),

@@ -5,6 +5,7 @@ use chrono::{DateTime, Utc};
 use sqlx::{FromRow, QueryBuilder, Sqlite, Transaction};
 use uuid::Uuid;
 
+use super::sightings::{self, Sighting};
 use super::{Store, StoreError, now};
 
 /// How far an orientation is.
@@ -117,6 +118,10 @@ pub struct Finished {
     pub result: String,
     /// What the overlay shows.
     pub drawing: String,
+    /// What the verdict rested on, for learning.
+    pub record: String,
+    /// What an accepted image says of its control points; none of one that was not accepted.
+    pub sightings: Vec<(String, Sighting)>,
 }
 
 /// What a list of orientations is restricted to.
@@ -292,19 +297,27 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn finish(&self, lease: Uuid, id: Uuid, finished: &Finished) -> Result<bool, StoreError> {
+        let mut transaction = self.begin_write().await?;
+        let finished_at = now();
         let done = sqlx::query(
-            "UPDATE orientations SET status = 'succeeded', verdict = ?, result = ?, drawing = ?, progress = 1,
+            "UPDATE orientations SET status = 'succeeded', verdict = ?, result = ?, drawing = ?, record = ?, progress = 1,
              finished_at = ?, lease = NULL WHERE id = ? AND status = 'running' AND lease = ?",
         )
         .bind(&finished.verdict)
         .bind(&finished.result)
         .bind(&finished.drawing)
-        .bind(now())
+        .bind(&finished.record)
+        .bind(finished_at)
         .bind(id)
         .bind(lease)
-        .execute(&self.pool)
+        .execute(&mut *transaction)
         .await?;
-        Ok(done.rows_affected() == 1)
+        let written = done.rows_affected() == 1;
+        if written {
+            sightings::note(&mut transaction, id, finished_at, &finished.sightings).await?;
+        }
+        transaction.commit().await?;
+        Ok(written)
     }
 
     /// Gives an orientation up; `false` if the lease is not valid any more.

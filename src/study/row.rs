@@ -3,8 +3,9 @@
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+use super::Mixture;
 use super::paper;
-use super::{Mixture, TOLERANCE_GSD};
+use crate::diagnosis::thresholds::{Thresholds, accepts};
 use crate::diagnosis::{Verdict, d_max_m};
 use crate::geometry::ExteriorOrientation;
 use crate::pipeline::{Estimate, GroundPrecision, Outcome};
@@ -60,6 +61,10 @@ pub struct Row {
     pub sound_in_view: usize,
     /// How far the image came.
     pub fate: Fate,
+    /// The largest D_max that was acceptable, in ground sample distances.
+    pub tolerance_gsd: f64,
+    /// Whether a diagnosis by thresholds accepts it.
+    pub thresholds_accept: bool,
     /// The verdict.
     pub verdict: Light,
     /// Its score.
@@ -140,6 +145,7 @@ impl Row {
         let in_view: Vec<_> = scene.in_view().collect();
         let ground = Ground::of(scene, &outcome.ground_precision);
         let features = outcome.diagnosis.features;
+        let tolerance_gsd = mixture.tolerance_gsd(scene.seed);
         let paper_right = by_paper.located.iter().filter(|p| located_rightly(scene, &p.name, p.at_px)).count();
         Self {
             seed: scene.seed,
@@ -149,7 +155,9 @@ impl Row {
             clearness: scene.settings.photograph.clearness,
             control_points_in_view: in_view.len(),
             sound_in_view: in_view.iter().filter(|point| point.fault.is_none()).count(),
-            fate: fate(in_view.len(), orientation.is_some(), d_max_gsd, &places),
+            fate: fate(in_view.len(), orientation.is_some(), tolerance_gsd, d_max_gsd, &places),
+            tolerance_gsd,
+            thresholds_accept: outcome.evidence.as_ref().is_some_and(|e| accepts(e, &Thresholds::default())),
             verdict: match outcome.diagnosis.verdict {
                 Verdict::Green => Light::Green,
                 Verdict::Yellow => Light::Yellow,
@@ -191,19 +199,19 @@ impl Row {
     /// Whether the orientation is within the tolerance.
     #[must_use]
     pub fn right(&self) -> bool {
-        self.d_max_gsd.is_some_and(|d| d <= TOLERANCE_GSD)
+        self.d_max_gsd.is_some_and(|d| d <= self.tolerance_gsd)
     }
 
     /// Whether that of the paper's method is.
     #[must_use]
     pub fn paper_right(&self) -> bool {
-        self.paper_d_max_gsd.is_some_and(|d| d <= TOLERANCE_GSD)
+        self.paper_d_max_gsd.is_some_and(|d| d <= self.tolerance_gsd)
     }
 }
 
-fn fate(in_view: usize, oriented: bool, d_max_gsd: Option<f64>, places: &Places) -> Fate {
+fn fate(in_view: usize, oriented: bool, tolerance_gsd: f64, d_max_gsd: Option<f64>, places: &Places) -> Fate {
     match d_max_gsd {
-        Some(d) if d <= TOLERANCE_GSD => Fate::Right,
+        Some(d) if d <= tolerance_gsd => Fate::Right,
         _ if in_view == 0 => Fate::NoControlInView,
         _ if !oriented => Fate::NothingLocated,
         _ if 2 * places.used_right > places.used => Fate::AdjustedWrong,
@@ -295,6 +303,8 @@ pub(super) mod tests {
             control_points_in_view: 10,
             sound_in_view: 9,
             fate: Fate::Right,
+            tolerance_gsd: 10.0,
+            thresholds_accept: true,
             verdict: Light::Green,
             score: 1.0,
             probability_correct: 0.9,
@@ -355,7 +365,8 @@ pub(super) mod tests {
         // a shift of the camera shifts all of the ground alike
         let shifted = scene.true_orientation.moved(&Vector6::new(0.3, 0.4, 0.0, 0.0, 0.0, 0.0));
         let covariance = Matrix6::identity() * 1e-4;
-        let predicted = crate::diagnosis::ground_precision(&scene.camera, &shifted, &covariance, 60.0);
+        let points = crate::diagnosis::precision::ground_points(&scene.camera, &shifted, 60.0);
+        let predicted = crate::diagnosis::ground_precision(&points, &covariance);
         let ground = Ground::of(&scene, &predicted).unwrap();
         assert!((ground.error_there_m - 0.5).abs() < 1e-9 && (ground.error_of_all_m - 0.5).abs() < 1e-9);
         let largest = predicted.iter().map(|p| p.sigma_planimetric_m).fold(0.0, f64::max);
@@ -376,10 +387,10 @@ pub(super) mod tests {
     #[test]
     fn an_image_is_lost_where_it_went_wrong() {
         let places = |used, used_right| Places { located: used, located_right: used_right, used, used_right };
-        assert_eq!(fate(8, true, Some(9.9), &places(6, 1)), Fate::Right);
-        assert_eq!(fate(8, true, Some(10.1), &places(6, 4)), Fate::AdjustedWrong);
-        assert_eq!(fate(8, true, None, &places(6, 3)), Fate::WrongHypothesis);
-        assert_eq!(fate(8, false, None, &places(0, 0)), Fate::NothingLocated);
-        assert_eq!(fate(0, true, Some(50.0), &places(5, 0)), Fate::NoControlInView);
+        assert_eq!(fate(8, true, 10.0, Some(9.9), &places(6, 1)), Fate::Right);
+        assert_eq!(fate(8, true, 10.0, Some(10.1), &places(6, 4)), Fate::AdjustedWrong);
+        assert_eq!(fate(8, true, 10.0, None, &places(6, 3)), Fate::WrongHypothesis);
+        assert_eq!(fate(8, false, 10.0, None, &places(0, 0)), Fate::NothingLocated);
+        assert_eq!(fate(0, true, 10.0, Some(50.0), &places(5, 0)), Fate::NoControlInView);
     }
 }

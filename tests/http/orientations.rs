@@ -34,8 +34,13 @@ fn outcome(task: &Task) -> Outcome {
             used: true,
             segments_matched: 1,
             residual_px: Some(0.3),
+            sensitivity: None,
         }],
         edges: vec![EdgeResult { control_point: 0, projected_px: segment, matched_px: vec![] }],
+        evidence: None,
+        trials: vec![],
+        ground_height_m: None,
+        pairs: vec![],
         ground_precision: vec![],
         consensus: None,
         diagnosis: Diagnosis {
@@ -45,6 +50,8 @@ fn outcome(task: &Task) -> Outcome {
             probability_correct: 0.7,
             features: None,
             reasons: vec![Reason { code: "few_control_points", detail: "Only one control point was found.".into() }],
+            probably_right: vec!["church".into()],
+            probably_wrong: vec![],
         },
     }
 }

@@ -1,15 +1,19 @@
 //! The rows of a study on disk: appended one by one, so that a run that was stopped goes on where it was.
 
-use std::fs::{File, OpenOptions};
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::collections::HashMap;
+use std::fs::File;
+use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use gable::study::{Mixture, Row, mixture};
+use gable::classifiers::LabelledImage;
+use gable::study::{self, Mixture, Row, mixture};
 use rustix::fs::FlockOperation;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+use super::lines::{LinesFile, replace};
+
+const LABELLED_FILE: &str = "labelled.jsonl";
 const ROWS_FILE: &str = "rows.csv";
 const MANIFEST_FILE: &str = "study.json";
 
@@ -32,64 +36,81 @@ impl Manifest {
     }
 }
 
-/// The file of rows, open for more.
+/// What is kept of an image: its row, and what classifiers learn from it.
+#[derive(Debug, Clone)]
+pub(super) struct Examined {
+    pub(super) row: Row,
+    pub(super) labelled: LabelledImage,
+}
+
+/// The files of rows and of labelled images, open for more.
 pub(super) struct RowsFile {
-    path: PathBuf,
-    file: File,
+    rows: LinesFile,
+    labelled: LinesFile,
     /// The folder: one run at a time.
     _lock: File,
 }
 
 impl RowsFile {
-    /// Opens the rows of a folder or begins them; returns those that are there already.
-    pub(super) fn open(folder: &Path, manifest: &Manifest) -> anyhow::Result<(Self, Vec<Row>)> {
+    /// Opens the files of a folder or begins them; returns the images that are in both.
+    pub(super) fn open(folder: &Path, manifest: &Manifest) -> anyhow::Result<(Self, Vec<Examined>)> {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        let path = folder.join(ROWS_FILE);
         let lock = File::open(folder).with_context(|| format!("cannot open {}", folder.display()))?;
         rustix::fs::flock(&lock, FlockOperation::NonBlockingLockExclusive)
             .with_context(|| format!("another run works in {}", folder.display()))?;
         check_manifest(folder, manifest)?;
+        let path = folder.join(ROWS_FILE);
         let read = || format!("cannot read {}", path.display());
-        let mut text = match std::fs::read_to_string(&path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-            text => text.with_context(read)?,
-        };
-        // a run that was killed may leave a part of a line
-        let whole = text.rfind('\n').map_or(0, |end| end + 1);
-        text.truncate(whole);
-        let rows: Result<Vec<Row>, _> = csv::Reader::from_reader(text.as_bytes()).deserialize().collect();
-        let rows = rows.with_context(read)?;
-        if let Some(row) = rows.iter().find(|row| row.mixture != manifest.mixture) {
+        let (rows, text) = LinesFile::open(path.clone())?;
+        let known: Result<Vec<Row>, _> = csv::Reader::from_reader(text.as_bytes()).deserialize().collect();
+        let known = known.with_context(read)?;
+        if let Some(row) = known.iter().find(|row| row.mixture != manifest.mixture) {
             bail!("{}: the row of seed {} is of the mixture {}", path.display(), row.seed, row.mixture.name());
         }
-        let file = OpenOptions::new().create(true).append(true).open(&path).with_context(read)?;
-        file.set_len(whole as u64).with_context(read)?;
-        Ok((Self { path, file, _lock: lock }, rows))
+        let (labelled, text) = LinesFile::open(folder.join(LABELLED_FILE))?;
+        let mut of_image: HashMap<String, LabelledImage> = HashMap::new();
+        for line in text.lines() {
+            let image: LabelledImage =
+                serde_json::from_str(line).with_context(|| format!("cannot read {LABELLED_FILE}"))?;
+            of_image.insert(image.image.clone(), image);
+        }
+        let both = known.into_iter().filter_map(|row| {
+            let labelled = of_image.remove(&study::image_name(row.mixture, row.seed))?;
+            Some(Examined { row, labelled })
+        });
+        let both = both.collect();
+        Ok((Self { rows, labelled, _lock: lock }, both))
     }
 
-    /// Adds a row, with a header if it is the first.
-    pub(super) fn append(&mut self, row: &Row) -> anyhow::Result<()> {
-        let write = || format!("cannot write {}", self.path.display());
-        let empty = self.file.metadata().with_context(write)?.len() == 0;
-        let line = lines([row], empty)?;
-        // in one piece: whoever reads meanwhile sees whole rows
-        self.file.write_all(&line).with_context(write)
+    /// Adds an image. Its row comes last: an image without one is examined again.
+    pub(super) fn append(&mut self, image: &Examined) -> anyhow::Result<()> {
+        self.labelled.append(&labelled_lines([image])?)?;
+        let header = self.rows.is_empty()?;
+        self.rows.append(&row_lines([image], header)?)
     }
 
-    /// Writes the rows anew, in this order.
-    pub(super) fn replace(self, rows: &[Row]) -> anyhow::Result<()> {
-        let fresh = self.path.with_extension("csv.new");
-        std::fs::write(&fresh, lines(rows, true)?).with_context(|| format!("cannot write {}", fresh.display()))?;
-        std::fs::rename(&fresh, &self.path).with_context(|| format!("cannot write {}", self.path.display()))
+    /// Writes the images anew, in this order.
+    pub(super) fn replace(self, images: &[Examined]) -> anyhow::Result<()> {
+        self.labelled.replace(&labelled_lines(images)?)?;
+        self.rows.replace(&row_lines(images, true)?)
     }
 }
 
-fn lines<'a>(rows: impl IntoIterator<Item = &'a Row>, header: bool) -> anyhow::Result<Vec<u8>> {
+fn row_lines<'a>(images: impl IntoIterator<Item = &'a Examined>, header: bool) -> anyhow::Result<Vec<u8>> {
     let mut writer = csv::WriterBuilder::new().has_headers(header).from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row)?;
+    for image in images {
+        writer.serialize(&image.row)?;
     }
     Ok(writer.into_inner().map_err(|error| error.into_error())?)
+}
+
+fn labelled_lines<'a>(images: impl IntoIterator<Item = &'a Examined>) -> anyhow::Result<Vec<u8>> {
+    let mut lines = Vec::new();
+    for image in images {
+        serde_json::to_writer(&mut lines, &image.labelled)?;
+        lines.push(b'\n');
+    }
+    Ok(lines)
 }
 
 fn check_manifest(folder: &Path, manifest: &Manifest) -> anyhow::Result<()> {
@@ -99,9 +120,7 @@ fn check_manifest(folder: &Path, manifest: &Manifest) -> anyhow::Result<()> {
             bail!("{} has rows but no {MANIFEST_FILE} that says of what: give another --out", folder.display());
         }
         let text = format!("{}\n", serde_json::to_string_pretty(manifest)?);
-        let fresh = path.with_extension("json.new");
-        let written = std::fs::write(&fresh, text).and_then(|()| std::fs::rename(&fresh, &path));
-        return written.with_context(|| format!("cannot write {}", path.display()));
+        return replace(&path, text.as_bytes());
     }
     let before: Manifest = super::super::orient::read_json(&path)?;
     if before == *manifest {

@@ -2,40 +2,43 @@
 
 use std::panic::AssertUnwindSafe;
 use std::path::Path;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use anyhow::{Context as _, bail};
 use gable::features::{GreyWindow, Picture, PictureError, PixelRect};
+use gable::jobs::active::shipped_classifier;
+use gable::learning::Classifier;
 use gable::simulation::Scene;
 use gable::study::{self, Mixture, Row, paper, plot, table};
 use indicatif::{ProgressBar, ProgressStyle};
 use rustix::time::{ClockId, clock_gettime};
 
 use super::super::print;
-use super::rows::{Manifest, RowsFile};
+use super::rows::{Examined, Manifest, RowsFile};
 
 /// Studies `images` images of a mixture from a first seed on, and leaves rows, table and plot in a folder.
 pub(super) fn study(mixture: Mixture, seeds: std::ops::Range<u64>, folder: &Path) -> anyhow::Result<()> {
     let (file, before) = RowsFile::open(folder, &Manifest::of(mixture)?)?;
-    let done: std::collections::HashSet<u64> = before.iter().map(|row| row.seed).collect();
+    let decides = shipped_classifier()?;
+    let done: std::collections::HashSet<u64> = before.iter().map(|image| image.row.seed).collect();
     let missing: Vec<u64> = seeds.clone().filter(|seed| !done.contains(seed)).collect();
     let bar = bar(seeds.end - seeds.start, seeds.end - seeds.start - missing.len() as u64);
     let writer = Mutex::new((file, before));
     let first_error = in_parallel(&missing, |seed| {
-        let row = examined(mixture, seed)?;
+        let image = examined(mixture, seed, &decides.loaded.classifier)?;
         let mut writer = writer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        writer.0.append(&row)?;
-        writer.1.push(row);
+        writer.0.append(&image)?;
+        writer.1.push(image);
         bar.inc(1);
         Ok(())
     });
     bar.finish_and_clear();
     first_error?;
-    let (file, mut rows) = writer.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-    rows.sort_by_key(|row| row.seed);
-    file.replace(&rows)?;
-    let asked: Vec<Row> = rows.into_iter().filter(|row| seeds.contains(&row.seed)).collect();
+    let (file, mut images) = writer.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    images.sort_by_key(|image| image.row.seed);
+    file.replace(&images)?;
+    let asked: Vec<Row> = images.into_iter().map(|image| image.row).filter(|row| seeds.contains(&row.seed)).collect();
     let table = table::table(mixture, &asked);
     for (name, text) in [("table.md", &table), ("errors.svg", &plot::plot(&asked))] {
         let path = folder.join(name);
@@ -74,23 +77,25 @@ fn in_parallel(seeds: &[u64], work: impl Fn(u64) -> anyhow::Result<()> + Sync) -
 }
 
 /// One image, with the times it took.
-fn examined(mixture: Mixture, seed: u64) -> anyhow::Result<Row> {
+fn examined(mixture: Mixture, seed: u64, classifier: &Arc<Classifier>) -> anyhow::Result<Examined> {
     let begin = thread_seconds();
     let scene = Scene::draw(seed, &mixture.settings(seed))?;
     let photograph = scene.picture();
     let picture = Timed { picture: &photograph, nanoseconds: AtomicU64::new(0) };
     let drawn = thread_seconds();
-    let outcome = study::oriented(&scene, &picture).with_context(|| format!("seed {seed}"))?;
+    let outcome = study::oriented(&scene, &picture, mixture.tolerance_gsd(seed), classifier)
+        .with_context(|| format!("seed {seed}"))?;
     let (oriented, rendered_first) = (thread_seconds(), picture.seconds());
     let by_paper = paper::orient(&picture, &scene.control_points(), &scene.camera, &scene.approximation)
         .with_context(|| format!("seed {seed}"))?;
     let (end, rendered) = (thread_seconds(), picture.seconds());
-    Ok(Row {
+    let row = Row {
         render_seconds: drawn - begin + rendered,
         pipeline_seconds: oriented - drawn - rendered_first,
         paper_seconds: end - oriented - (rendered - rendered_first),
         ..Row::new(mixture, &scene, &outcome, &by_paper)
-    })
+    };
+    Ok(Examined { row, labelled: study::labelled(mixture, &scene, &outcome) })
 }
 
 /// Processor time of this thread.

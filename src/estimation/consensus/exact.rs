@@ -12,6 +12,7 @@
 //! quadruples at the beginning, which are resected in full, but it is not excluded.
 
 use super::quadruples::quadruples;
+use super::sample::Sample;
 use super::whitened::Candidates;
 use super::{Consensus, Guarantee, LEAST_POINTS, MOST_POINTS, Survey};
 use crate::estimation::Resection;
@@ -35,22 +36,30 @@ const MARGIN: f64 = 1.01;
 #[must_use]
 pub fn largest_consistent(survey: &Survey, largest_sigma0: f64, most_subsets: usize) -> Option<Consensus> {
     let searched = Survey { points: &survey.points[..survey.points.len().min(MOST_POINTS)], ..*survey };
-    let mut search =
-        Search { survey: &searched, largest_sigma0, best: None, left: most_subsets, at_most: 0, levels: Vec::new() };
+    let mut search = Search {
+        survey: &searched,
+        largest_sigma0,
+        best: None,
+        left: most_subsets,
+        at_most: 0,
+        levels: Vec::new(),
+        sample: Sample::default(),
+    };
     let mut at = search.begin();
     while search.linearised(&at)? {
         at = search.best.as_ref()?.resection.orientation;
     }
     let best = search.best?;
     let subsets = most_subsets - search.left;
+    let examined = search.sample.into_sets();
     if searched.points.len() < survey.points.len() {
         let Set { resection, inliers } = with_others(survey, best, largest_sigma0);
-        return Some(Consensus { resection, inliers, guarantee: Guarantee::Sampled, subsets });
+        return Some(Consensus { resection, inliers, guarantee: Guarantee::Sampled, subsets, examined });
     }
     let count = best.inliers.len();
     let guarantee =
         if search.left > 0 { Guarantee::Complete } else { Guarantee::Bounded { at_most: search.at_most.max(count) } };
-    Some(Consensus { resection: best.resection, inliers: best.inliers, guarantee, subsets })
+    Some(Consensus { resection: best.resection, inliers: best.inliers, guarantee, subsets, examined })
 }
 
 /// A consistent set.
@@ -84,6 +93,7 @@ struct Search<'a> {
     at_most: usize,
     /// Room for the candidates of a core of every size.
     levels: Vec<Candidates>,
+    sample: Sample,
 }
 
 impl Search<'_> {
@@ -96,6 +106,7 @@ impl Search<'_> {
             return self.survey.start;
         };
         let orientation = found.resection.orientation;
+        self.sample.hear_all(&found.examined);
         self.propose(&found.inliers, &orientation);
         orientation
     }
@@ -129,11 +140,13 @@ impl Search<'_> {
         match &self.best {
             _ if count < self.least_count() => f64::NEG_INFINITY,
             Some(best) if count == best.inliers.len() => best.resection.squares,
-            _ => {
-                let redundancy = 2 * count - if self.survey.prior.is_some() { 0 } else { 6 };
-                self.largest_sigma0.powi(2) * redundancy as f64
-            }
+            _ => self.largest_sigma0.powi(2) * self.redundancy(count),
         }
+    }
+
+    /// Of the fit of so many points.
+    fn redundancy(&self, count: usize) -> f64 {
+        (2 * count - if self.survey.prior.is_some() { 0 } else { 6 }) as f64
     }
 
     fn least_count(&self) -> usize {
@@ -176,6 +189,9 @@ impl Search<'_> {
             core.push(candidates.points[place]);
             let mut level = std::mem::take(&mut self.levels[core.len()]);
             candidates.joined_by(place, &mut level);
+            if core.len() >= LEAST_POINTS {
+                self.sample.hear(core, Some(squares / self.redundancy(core.len())));
+            }
             if squares < MARGIN * self.target(core.len()) {
                 self.propose(core, at);
             }
@@ -193,6 +209,7 @@ impl Search<'_> {
         let mut inliers = chosen.to_vec();
         inliers.sort_unstable();
         let Some(resection) = self.survey.resect(&inliers, near) else { return };
+        self.sample.hear(&inliers, Some(resection.sigma0().powi(2)));
         if resection.squares < self.target(inliers.len()) {
             self.best = Some(Set { resection, inliers });
         }

@@ -5,6 +5,7 @@ mod eight;
 mod exact;
 mod lanes;
 mod quadruples;
+mod sample;
 mod whitened;
 
 use super::{PointObservation, Prior, Resection, resect};
@@ -51,6 +52,9 @@ pub struct Consensus {
     pub guarantee: Guarantee,
     /// Subsets of the points that were examined.
     pub subsets: usize,
+    /// A selection of them, at most 64: those with the smallest residuals, and a draw of all that is the same in every
+    /// run. Indices of the points, ascending.
+    pub examined: Vec<Vec<usize>>,
 }
 
 /// How far a search has come.

@@ -2,6 +2,7 @@
 
 use super::eight::{EightOrientations, PointLanes, PriorLanes, Triangle, solve};
 use super::lanes::{Lanes, WIDTH};
+use super::sample::Sample;
 use super::{Consensus, Guarantee, LEAST_POINTS, MOST_POINTS, Survey};
 use crate::estimation::resection::equations;
 use crate::estimation::{NormalEquations, PointObservation, Resection};
@@ -39,9 +40,11 @@ pub fn quadruples(
         tolerance_px,
         start: Start::new(survey, &survey.start),
         best: None,
+        sample: Sample::default(),
     };
     let (mut eight, mut filled, mut subsets) = ([[0; LEAST_POINTS]; WIDTH], 0, 0);
     for chosen in fours(from).step_by(stride) {
+        search.sample.hear(&chosen, None);
         eight[filled] = chosen;
         filled += 1;
         subsets += 1;
@@ -65,7 +68,7 @@ pub fn quadruples(
     }
     let resection = survey.resect(&inliers, &orientation)?;
     let guarantee = if stride == 1 && from == survey.points.len() { Guarantee::Complete } else { Guarantee::Sampled };
-    Some(Consensus { resection, inliers, guarantee, subsets })
+    Some(Consensus { resection, inliers, guarantee, subsets, examined: search.sample.into_sets() })
 }
 
 /// All subsets of four of the indices below `count`, in lexical order.
@@ -82,6 +85,7 @@ struct Search<'a> {
     start: Start,
     /// The smallest robust sum with its orientation.
     best: Option<(f64, ExteriorOrientation)>,
+    sample: Sample,
 }
 
 impl Search<'_> {

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use super::*;
 use crate::geometry::Brown;
 use crate::imagery::North;
+use crate::jobs::active::shipped_classifier;
 use crate::report::Origin;
 
 fn camera() -> Camera {
@@ -129,7 +130,7 @@ fn an_undulation_makes_the_exif_altitude_ellipsoidal() {
     let prepared = request(body).prepare(&camera(), &with_exif()).unwrap();
     assert_eq!(prepared.approximation.sigma_position_m, [15.0, 15.0, 30.0]);
     assert!(prepared.warnings.is_empty());
-    let work = prepared.work(camera()).unwrap();
+    let work = prepared.work(camera(), &shipped_classifier().unwrap()).unwrap();
     assert!((work.task.approximation.orientation.projection_centre_m.z - 290.3).abs() < 1e-6);
     // the result has its heights above the geoid, as the position had
     assert_eq!(work.output.geoid_undulation_m, Some(-27.0));
@@ -161,7 +162,11 @@ fn an_unknown_kappa_opens_the_whole_circle() {
     let approximation = body["approximation"].as_object_mut().unwrap();
     approximation.remove("kappa_deg");
     approximation.remove("sigma_kappa_deg");
-    let work = request(body.clone()).prepare(&camera(), &bare()).unwrap().work(camera()).unwrap();
+    let work = request(body.clone())
+        .prepare(&camera(), &bare())
+        .unwrap()
+        .work(camera(), &shipped_classifier().unwrap())
+        .unwrap();
     assert_eq!(work.task.approximation.sigma_kappa_rad, None);
     body["approximation"]["sigma_kappa_deg"] = json!(3);
     let faults = request(body).prepare(&camera(), &bare()).unwrap_err();
@@ -170,7 +175,11 @@ fn an_unknown_kappa_opens_the_whole_circle() {
 
 #[test]
 fn the_work_is_in_the_frame_at_the_foot_of_the_position() {
-    let work = request(complete()).prepare(&camera(), &bare()).unwrap().work(camera()).unwrap();
+    let work = request(complete())
+        .prepare(&camera(), &bare())
+        .unwrap()
+        .work(camera(), &shipped_classifier().unwrap())
+        .unwrap();
     let centre = work.task.approximation.orientation.projection_centre_m;
     assert!((centre - Vector3::new(0.0, 0.0, 317.3)).norm() < 1e-6, "{centre}");
     assert_eq!(work.task.tolerance, Tolerance::Gsd(10.0));

@@ -1,0 +1,144 @@
+//! `gable classifier`: the classifiers of a data folder.
+
+use std::path::PathBuf;
+
+use anyhow::{Context as _, bail};
+use clap::{Args, Subcommand};
+use gable::classifiers::Texts;
+use gable::jobs::active::{ActiveClassifier, SHIPPED, stored_classifier};
+use gable::store::Store;
+use gable::store::classifiers::{ClassifierTexts, StoredClassifier};
+use uuid::Uuid;
+
+use super::{print, sets};
+
+const EXAMPLES: &str = "\
+Examples:
+  gable classifier list --data /srv/gable
+  gable classifier add my-classifier --name rhineland --data /srv/gable
+  gable classifier activate rhineland --data /srv/gable
+  gable classifier rollback --data /srv/gable
+
+All of it works while the service runs.";
+
+/// List, add and activate the classifiers of a data folder
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct ClassifierCommand {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// All classifiers, the active one marked.
+    List(Data),
+    /// Add one from the folder that `gable train` has made.
+    Add {
+        /// The folder.
+        folder: PathBuf,
+        /// Its unique name.
+        #[arg(long)]
+        name: String,
+        #[command(flatten)]
+        data: Data,
+    },
+    /// Let one decide from now on, by its name; `shipped` is the one that Gable brings along.
+    Activate {
+        /// Its name.
+        name: String,
+        #[command(flatten)]
+        data: Data,
+    },
+    /// Take the last activation back.
+    Rollback(Data),
+}
+
+#[derive(Debug, Args)]
+struct Data {
+    /// Data folder.
+    #[arg(long, value_name = "FOLDER", env = "GABLE_DATA", default_value = "gable-data")]
+    data: PathBuf,
+}
+
+impl Data {
+    async fn open(&self) -> anyhow::Result<Store> {
+        if !self.data.join("gable.db").exists() {
+            bail!("there is no data folder {}; give --data FOLDER", self.data.display());
+        }
+        Ok(Store::open(&self.data).await?)
+    }
+}
+
+/// Classifiers of a data folder that are looked through, at most.
+const MOST: u32 = 10_000;
+
+impl ClassifierCommand {
+    pub(crate) async fn run(self) -> anyhow::Result<()> {
+        match self.action {
+            Action::List(data) => list(&data.open().await?).await,
+            Action::Add { folder, name, data } => {
+                let texts = sets::texts_of(&folder)?;
+                texts.load().with_context(|| folder.display().to_string())?;
+                if name == SHIPPED {
+                    bail!("{SHIPPED} is the name of the classifier that Gable brings along; give another --name");
+                }
+                let sha256 = texts.sha256();
+                let Texts { model, scaling, description } = texts;
+                let stored = ClassifierTexts { model, scaling, description };
+                let plan = serde_json::json!({"added_from": folder}).to_string();
+                if !data.open().await?.add_classifier(Uuid::now_v7(), &name, &plan, &stored, sha256).await? {
+                    bail!("there is a classifier of the name {name:?} already; give another --name");
+                }
+                print(&format!("added {name}"))
+            }
+            Action::Activate { name, data } => {
+                let store = data.open().await?;
+                let id = match named(&store, &name).await? {
+                    Some(stored) => {
+                        let whole = store.classifier(stored.id).await?.context("it is gone")?;
+                        stored_classifier(&whole)?;
+                        Some(stored.id)
+                    }
+                    None => None,
+                };
+                store.activate_classifier(id).await?;
+                tell_active(&store).await
+            }
+            Action::Rollback(data) => {
+                let store = data.open().await?;
+                if !store.roll_classifier_back().await? {
+                    bail!("no classifier was ever activated");
+                }
+                tell_active(&store).await
+            }
+        }
+    }
+}
+
+/// A classifier by its name; `None` for the one that Gable brings along.
+async fn named(store: &Store, name: &str) -> anyhow::Result<Option<StoredClassifier>> {
+    if name == SHIPPED {
+        return Ok(None);
+    }
+    let found = store.classifiers(None, MOST).await?.into_iter().find(|stored| stored.name == name);
+    Ok(Some(found.with_context(|| format!("there is no classifier of the name {name:?}"))?))
+}
+
+async fn tell_active(store: &Store) -> anyhow::Result<()> {
+    let active = ActiveClassifier::default().get(store).await?;
+    print(&format!("{} decides from now on ({})", active.name, active.loaded.hash()))
+}
+
+async fn list(store: &Store) -> anyhow::Result<()> {
+    let active = store.activations(1).await?.first().and_then(|activation| activation.classifier_id);
+    let mark = |is_active: bool| if is_active { "*" } else { " " };
+    print(&format!("{} {SHIPPED:<30} ready", mark(active.is_none())))?;
+    for stored in store.classifiers(None, MOST).await? {
+        let hash: String = stored.sha256.iter().flatten().take(6).map(|byte| format!("{byte:02x}")).collect();
+        let error = stored.error.unwrap_or_default();
+        let mark = mark(active == Some(stored.id));
+        print(&format!("{mark} {:<30} {:<9} {hash} {error}", stored.name, stored.status.name()))?;
+    }
+    Ok(())
+}
