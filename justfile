@@ -33,6 +33,19 @@ bench *rows:
     test -e target/peers/bin/python || benches/peers/install
     GABLE_BENCH="{{bench}}" cargo bench -- {{rows}}
 
+# train the classifier that is shipped, from simulated images alone (some hours; goes on where it was stopped)
+train-shipped:
+    cargo build --release
+    target/release/gable simulate --mixture poor --seed 100001 --images 2500 --out target/study-poor
+    target/release/gable simulate --mixture good --seed 100001 --images 2500 --out target/study-good
+    target/release/gable simulate --mixture wide --seed 100001 --images 1000 --out target/study-wide
+    target/release/gable train target/study-good target/study-poor --not-trained-on target/study-wide --out src/classifiers/shipped
+
+# try to get a wrong orientation accepted
+hostile images="10000":
+    cargo build --release
+    target/release/gable simulate --mixture hostile --images {{images}} --out target/study-hostile
+
 # orient the real images of all datasets, with all approximations, and compare with their references
 bench-real:
     #!/usr/bin/env bash

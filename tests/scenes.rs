@@ -174,6 +174,58 @@ fn a_cancelled_run_ends() {
     assert_eq!(fault, Fault::Cancelled);
 }
 
+#[test]
+fn the_orientations_that_were_examined_are_kept() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let outcome = run(&scene.render(), &scene.control_points(), &task(&scene));
+    assert!((8..=64).contains(&outcome.trials.len()), "{}", outcome.trials.len());
+    let error_m = |o| d_max_m(&scene.camera, o, &scene.true_orientation, scene.ground_height_m()).unwrap();
+    let best = outcome.trials.iter().min_by(|a, b| a.features.log_sigma0.total_cmp(&b.features.log_sigma0)).unwrap();
+    assert!(error_m(&best.orientation) < 2.0 * TOLERANCE_GSD * scene.ground_sample_distance_m());
+    for trial in &outcome.trials {
+        let features = trial.features;
+        assert!(features.eliminated <= features.control_points);
+        assert!(features.log_sigma0.is_finite() && features.log_configuration.is_finite());
+    }
+}
+
+/// What the sensitivity predicts, done: the ground moves as far without a control point as it says.
+#[test]
+fn leaving_out_a_control_point_does_what_its_sensitivity_says() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let (picture, control) = (scene.render(), scene.control_points());
+    let whole = run(&picture, &control, &task(&scene));
+    let orientation = whole.estimate.as_ref().unwrap().orientation;
+    let mut weighty: Vec<_> =
+        whole.control_points.iter().filter_map(|c| Some((c.name.clone(), c.sensitivity?))).collect();
+    assert!(weighty.len() >= 8);
+    assert!(weighty.iter().all(|(_, s)| s.ground.change_m <= s.ground.empirical_m + 1e-9));
+    weighty.sort_by(|a, b| b.1.ground.change_m.total_cmp(&a.1.ground.change_m));
+    for (name, sensitivity) in &weighty[..3] {
+        let others: Vec<ControlPoint> = control.iter().filter(|c| c.name != *name).cloned().collect();
+        let without = run(&picture, &others, &task(&scene)).estimate.unwrap().orientation;
+        let height_m = whole.ground_height_m.unwrap();
+        let moved_m = d_max_m(&scene.camera, &without, &orientation, height_m).unwrap();
+        let expected_m = sensitivity.ground.change_m;
+        // robust weights and matches of the others change a little, too
+        assert!((moved_m - expected_m).abs() < 0.35 * expected_m + 0.01, "{name}: {moved_m} instead of {expected_m} m");
+    }
+}
+
+#[test]
+fn a_control_point_that_was_moved_is_not_believed_and_is_named() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let (picture, mut control) = (scene.render(), scene.control_points());
+    let before = run(&picture, &control, &task(&scene));
+    let name = &before.control_points.iter().find(|c| c.used).unwrap().name;
+    let at = control.iter().position(|c| c.name == *name).unwrap();
+    control[at] = moved(&control[at], Vector3::new(0.9, -0.6, 0.0));
+    let after = run(&picture, &control, &task(&scene));
+    assert!(d_max_gsd(&scene, &after) < TOLERANCE_GSD);
+    let found = after.control_points.iter().find(|c| c.name == *name).unwrap();
+    assert!(!found.used || found.sensitivity.unwrap().contradicts, "{found:?}");
+}
+
 fn moved(control_point: &ControlPoint, by_m: Vector3<f64>) -> ControlPoint {
     let mut moved = control_point.clone();
     moved.reference_m += by_m;

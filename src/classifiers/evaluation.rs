@@ -154,7 +154,11 @@ mod tests {
         // the probability rises with the score, and one image in 50 of the best is wrong
         let one = |k: usize| {
             let score = k as f64 / count as f64;
-            Scored { score, probability: 0.2 + 0.78 * score, right: k % 50 != 0 && k * 37 % count < k + count / 5 }
+            Scored {
+                score,
+                probability: 0.2 + 0.78 * score,
+                right: !k.is_multiple_of(50) && k * 37 % count < k + count / 5,
+            }
         };
         (0..count).map(one).collect()
     }

@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::diagnosis::d_max_m;
 use crate::geometry::{Camera, ExteriorOrientation, rotation};
@@ -103,9 +104,10 @@ pub struct LabelledImage {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evidence: Option<BTreeMap<String, f64>>,
     /// The largest D_max that is acceptable, in metres.
+    #[serde(deserialize_with = "length")]
     pub tolerance_m: f64,
     /// D_max against the reference, in metres; none if there is no orientation, or one that does not see the ground.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "length_if_any", skip_serializing_if = "Option::is_none")]
     pub d_max_m: Option<f64>,
     /// The orientations with points that the search examined.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -115,7 +117,7 @@ pub struct LabelledImage {
 /// An orientation with points: N, E, log sigma0, log lambda_max, and D_max against the reference in metres (1e9 where
 /// it does not see the ground).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct TrialRow(pub u32, pub u32, pub f64, pub f64, pub f64);
+pub struct TrialRow(pub u32, pub u32, pub f64, pub f64, #[serde(deserialize_with = "length")] pub f64);
 
 /// In metres: a D_max that is infinite.
 const BEYOND_M: f64 = 1e9;
@@ -144,4 +146,179 @@ impl LabelledImage {
 /// Digits that say nothing make files large.
 fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
+}
+
+/// A negative D_max would pass for a right orientation.
+fn length<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let metres = f64::deserialize(deserializer)?;
+    if metres < 0.0 { Err(D::Error::custom(format!("{metres} m is negative"))) } else { Ok(metres) }
+}
+
+fn length_if_any<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    #[derive(Deserialize)]
+    struct Length(#[serde(deserialize_with = "length")] f64);
+    Ok(Option::<Length>::deserialize(deserializer)?.map(|Length(metres)| metres))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::classifiers::evidence_of;
+    use crate::estimation::simulated::Draws;
+    use crate::geometry::Brown;
+
+    /// Images of which the evidence tells mostly, but not always, whether they are right; every tenth has none.
+    pub(crate) fn simulated(area: &str, seed: u64, count: usize) -> Vec<LabelledImage> {
+        let mut draws = Draws::new(seed);
+        (0..count).map(|k| image(area, k, &mut draws)).collect()
+    }
+
+    fn image(area: &str, k: usize, draws: &mut Draws) -> LabelledImage {
+        let (image, tolerance_m) = (format!("{area}-{k}"), 0.5);
+        if k % 10 == 9 {
+            let (area, evidence, d_max_m, trials) = (area.to_owned(), None, None, vec![]);
+            return LabelledImage { image, area, evidence, tolerance_m, d_max_m, trials };
+        }
+        let quality = draws.normal();
+        // one for an average image; better ones have more of it if `slope` is positive
+        let mut about = |slope: f64| rounded((slope * quality + 0.3 * draws.normal()).exp());
+        let numbers = [
+            ("points", 12.0),
+            ("eliminated", (2.0 * about(-0.3)).round()),
+            ("log_sigma0_of_points", about(-0.8).ln()),
+            ("log_configuration_of_points", 1.0 + about(-0.3).ln()),
+            ("sigma0", about(-0.3)),
+            ("redundancy", 200.0),
+            ("configuration", 3.0 * about(-0.3)),
+            ("control_points", (8.0 * about(0.3)).round()),
+            ("control_points_in_view", 16.0),
+            ("inlier_share", 1.0 / (1.0 + 0.2 * about(-0.4))),
+            ("matched_share", 1.0 / (1.0 + about(-0.4))),
+            ("matched_share_in_view", 1.0 / (1.0 + about(-0.4))),
+            ("hull_share", 1.0 / (1.0 + about(-0.4))),
+            ("sigma_planimetric_m", 0.1 * about(-0.5)),
+            ("sigma_of_nine_m", 0.1 * about(-0.5)),
+            ("tolerance_m", tolerance_m),
+            ("log_odds", 60.0 * about(0.5)),
+            ("runner_up_log_odds", 20.0 * about(-0.3)),
+            ("distance_from_approximation", 6.0 * about(-0.3)),
+            ("moved_by_lines_m", 0.1 * about(-0.3)),
+            ("change_by_one_m", 0.1 * about(-0.5)),
+            ("change_by_two_m", 0.2 * about(-0.5)),
+            ("undetected_by_one_m", 0.1 * about(-0.5)),
+            ("undetected_by_two_m", 0.2 * about(-0.5)),
+            ("largest_test", 6.0 * about(-0.4)),
+            ("mean_test", 2.0 * about(-0.4)),
+            ("contradicting", 0.0),
+            ("risk_by_chance", (0.01 * about(-1.0)).min(0.9)),
+            ("risk_with_displacement", (0.02 * about(-1.0)).min(0.9)),
+            ("risk_with_pair", (0.02 * about(-1.0)).min(0.9)),
+        ];
+        let d_max_m = rounded(0.4 * about(-1.0));
+        let trial = |k: u32| {
+            let [log_sigma0, more_m] = [numbers[2].1, d_max_m].map(|value| rounded(value + 0.3 * f64::from(k)));
+            TrialRow(12 - k, 1 + k, log_sigma0, rounded(numbers[3].1), more_m)
+        };
+        LabelledImage {
+            image,
+            area: area.to_owned(),
+            evidence: Some(numbers.map(|(name, value)| (name.to_owned(), rounded(value))).into()),
+            tolerance_m,
+            d_max_m: Some(d_max_m),
+            trials: (0..3).map(trial).collect(),
+        }
+    }
+
+    fn read(line: &str) -> Result<LabelledImage, String> {
+        serde_json::from_str(line).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn simulated_images_are_of_both_kinds_with_usable_evidence() {
+        let images = simulated("north", 1, 200);
+        let right = images.iter().filter(|image| image.right()).count();
+        assert!((60..140).contains(&right), "{right}");
+        assert!(images.iter().filter_map(|image| image.evidence.as_ref()).all(|numbers| evidence_of(numbers).is_ok()));
+    }
+
+    #[test]
+    fn lines_are_read_back_and_written_the_same() {
+        for image in simulated("north", 2, 100) {
+            let line = serde_json::to_string(&image).unwrap();
+            assert!(!line.contains('\n'));
+            assert_eq!(read(&line), Ok(image));
+        }
+        // without an orientation there is little to say
+        let bare = r#"{"image":"a","area":"b","tolerance_m":0.5}"#;
+        assert_eq!(serde_json::to_string(&read(bare).unwrap()).unwrap(), bare);
+        assert!(!read(bare).unwrap().right());
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_refused() {
+        let line = |tolerance: &str, d_max: &str, trial: &str| {
+            read(&format!(
+                r#"{{"image":"a","area":"b","tolerance_m":{tolerance},"d_max_m":{d_max},"trials":[[9,1,{trial}]]}}"#
+            ))
+        };
+        assert!(line("0.5", "0.1", "0.1,1.2,0.3").unwrap().right());
+        for (tolerance, d_max, trial) in [
+            ("-0.5", "0.1", "0.1,1.2,0.3"),
+            ("0.5", "-0.1", "0.1,1.2,0.3"),
+            ("0.5", "0.1", "0.1,1.2,-0.3"),
+            ("null", "0.1", "0.1,1.2,0.3"),
+            ("0.5", "NaN", "0.1,1.2,0.3"),
+            ("0.5", "1e999", "0.1,1.2,0.3"),
+            ("0.5", "0.1", "null,1.2,0.3"),
+            ("0.5", "0.1", "0.1,1.2"),
+            ("0.5", "\"0.1\"", "0.1,1.2,0.3"),
+        ] {
+            assert!(line(tolerance, d_max, trial).is_err(), "{tolerance} {d_max} {trial}");
+        }
+        assert!(read(r#"{"image":"a","area":"b","tolerance_m":0.5,"evidence":{"points":null}}"#).is_err());
+        let misspelt = read(r#"{"image":"a","area":"b","tolerance_m":0.5,"dmax_m":0.1}"#).unwrap_err();
+        assert!(misspelt.contains("dmax_m"), "{misspelt}");
+    }
+
+    #[test]
+    fn a_record_is_held_against_the_reference() {
+        let camera = Camera::new([4000, 3000], 2000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap();
+        let pose = |x: f64, y: f64| Pose([x, y, 400.0, 0.0, 0.0, 0.7]);
+        let record = Record {
+            evidence: Some([("sigma0".to_owned(), 1.25)].into()),
+            estimate: Some(pose(3.0, 4.0)),
+            ground_height_m: Some(100.0),
+            // the second looks at the sky
+            trials: vec![
+                TrialRecord(9, 1, 0.5, 1.5, pose(0.0, 0.5)),
+                TrialRecord(8, 2, 0.6, 1.6, Pose([0.0, 0.0, 400.0, 3.0, 0.0, 0.0])),
+            ],
+        };
+        let reference = |tolerance_m: f64| Reference {
+            camera: &camera,
+            orientation: pose(0.0, 0.0).into(),
+            ground_height_m: 100.0,
+            tolerance_m,
+        };
+        let labelled = record.labelled("image".into(), "area".into(), &reference(5.0));
+        assert_eq!((labelled.d_max_m, labelled.right(), &labelled.evidence), (Some(5.0), true, &record.evidence));
+        assert_eq!(labelled.trials, [TrialRow(9, 1, 0.5, 1.5, 0.5), TrialRow(8, 2, 0.6, 1.6, 1e9)]);
+        assert!(!record.labelled("image".into(), "area".into(), &reference(4.99)).right());
+        // it is kept as JSON
+        let text = serde_json::to_string(&record).unwrap();
+        assert_eq!(serde_json::from_str::<Record>(&text).unwrap(), record);
+        let lost = Record { estimate: None, ..record };
+        assert_eq!(lost.labelled("image".into(), "area".into(), &reference(5.0)).d_max_m, None);
+    }
+
+    #[test]
+    fn a_pose_is_the_orientation_that_it_was_made_of() {
+        let orientation = ExteriorOrientation::from(Pose([1.0, -2.0, 300.0, 0.1, -0.2, 2.9]));
+        let Pose(numbers) = Pose::from(&orientation);
+        for (a, b) in numbers.iter().zip([1.0, -2.0, 300.0, 0.1, -0.2, 2.9]) {
+            assert!((a - b).abs() < 1e-12, "{a} instead of {b}");
+        }
+    }
 }

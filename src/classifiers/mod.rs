@@ -20,6 +20,7 @@ pub use train::{Training, TrainingSet, trained};
 
 use crate::diagnosis::features::of_trial_simplified;
 use crate::diagnosis::features::{OF_TRIAL, OF_TRIAL_SIMPLIFIED, names_of_evidence, of_evidence, of_trial};
+use crate::diagnosis::judge::is_checked;
 use crate::diagnosis::{Evidence, Features};
 use crate::learning::{Classifier, Kind, Sees};
 
@@ -62,7 +63,7 @@ pub fn samples_of(image: &LabelledImage, kind: Kind) -> Vec<(Vec<f64>, bool)> {
     image.trials.iter().map(sample).collect()
 }
 
-/// What a classifier says of a labelled image; what lies outside its experience is never accepted.
+/// What a classifier says of a labelled image; what is never green, whatever it says, has the lowest score.
 #[must_use]
 pub fn scored(classifier: &Classifier, image: &LabelledImage) -> Scored {
     let samples: Vec<Vec<f64>> = samples_of(image, classifier.kind).into_iter().map(|(features, _)| features).collect();
@@ -70,7 +71,9 @@ pub fn scored(classifier: &Classifier, image: &LabelledImage) -> Scored {
     match classifier.judge(&samples) {
         None => Scored { score: f64::NEG_INFINITY, probability: 0.0, right },
         Some(judgement) => {
-            let score = if judgement.outside.is_none() { judgement.score } else { f64::NEG_INFINITY };
+            let checked = train::evidence(image).is_none_or(|evidence| is_checked(&evidence));
+            let known = judgement.outside.is_none();
+            let score = if known && checked { judgement.score } else { f64::NEG_INFINITY };
             Scored { score, probability: judgement.probability, right }
         }
     }

@@ -46,7 +46,8 @@ pub fn cost_curve(evaluation: &Evaluation, costs: &Costs, threshold: f64) -> Str
         .collect();
     let mut svg = begin("Expected cost of an image over the threshold T_d");
     let Some((first, last)) = points.first().zip(points.last()) else { return end(svg) };
-    let (low, high) = (first.0.min(threshold), if last.0 > first.0 { last.0 } else { first.0 + 1.0 });
+    let low = if threshold.is_finite() { first.0.min(threshold) } else { first.0 };
+    let high = if last.0 > first.0 { last.0 } else { first.0 + 1.0 };
     let most = points.iter().map(|point| point.1).fold(0.0, f64::max).max(1e-9);
     let (x, y) = (Axis::across(low, high.max(low + 1e-9)), Axis::up(0.0, 1.05 * most));
     for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
@@ -181,6 +182,66 @@ mod tests {
         // where accepting never pays there is no threshold to draw
         assert!(!cost_curve(&evaluation(), &Costs::default(), f64::INFINITY).contains("T_d ="));
         assert!(cost_curve(&Evaluation::of(&[]), &Costs::default(), 0.0).ends_with("</svg>\n"));
+    }
+
+    /// Whether tags are closed in order, values of attributes quoted, and nothing is written outside the one element.
+    fn is_well_formed(svg: &str) -> bool {
+        let mut open = Vec::new();
+        let mut rest = svg;
+        while let Some((text, tag)) = rest.split_once('<') {
+            let Some((tag, after)) = tag.split_once('>') else { return false };
+            rest = after;
+            let outside = open.is_empty() && !text.trim().is_empty();
+            let name = tag.trim_start_matches('/').split([' ', '/']).next().unwrap_or_default();
+            let attributes =
+                tag.split('"').step_by(2).skip(1).all(|between| between.is_empty() || between.starts_with([' ', '/']));
+            if outside || text.contains(['>', '&']) || name.is_empty() || tag.contains('<') || !attributes {
+                return false;
+            }
+            if tag.matches('"').count() % 2 != 0 || tag.starts_with('/') && open.pop() != Some(name) {
+                return false;
+            }
+            if !tag.starts_with('/') && !tag.ends_with('/') {
+                open.push(name);
+            }
+        }
+        open.is_empty() && rest.trim().is_empty()
+    }
+
+    #[test]
+    fn pictures_are_well_formed_whatever_they_show() {
+        let one = |score: f64| Scored { score, probability: 0.9, right: true };
+        let certain = |right: bool| Scored { score: 1.0, probability: if right { 1.0 } else { 0.0 }, right };
+        let evaluations = [
+            evaluation(),
+            Evaluation::of(&[]),
+            Evaluation::of(&[one(0.5)]),
+            Evaluation::of(&[one(f64::NEG_INFINITY), one(f64::NEG_INFINITY)]),
+            Evaluation::of(&[certain(true), certain(false)]),
+        ];
+        for evaluation in &evaluations {
+            let free = Costs { cc: 0.0, cw: 0.0, wc: 0.0, ww: 0.0 };
+            let thresholds = [0.5, -50.0, 50.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
+            let curves = thresholds
+                .iter()
+                .flat_map(|threshold| [Costs::default(), free].map(|costs| cost_curve(evaluation, &costs, *threshold)));
+            for svg in curves.chain([calibration(evaluation)]) {
+                assert!(is_well_formed(&svg) && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+            }
+        }
+        let svg = calibration(&evaluations[0]);
+        for damaged in [svg.replace("</svg>", ""), svg.replacen("\"/>", "/>", 1), svg.replacen("</text>", "</path>", 1)]
+        {
+            assert!(!is_well_formed(&damaged));
+        }
+    }
+
+    #[test]
+    fn the_threshold_is_drawn_where_its_score_is() {
+        let svg = cost_curve(&evaluation(), &Costs::default(), 0.0);
+        // scores go from -1 to 0.99
+        let at = LEFT + (WIDTH - RIGHT - LEFT) / 1.99;
+        assert!(svg.contains(&format!("<path d=\"M{at:.1} {TOP}V")), "{at} {svg}");
     }
 
     #[test]

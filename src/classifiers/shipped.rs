@@ -20,7 +20,10 @@ pub fn texts() -> Texts {
 /// [`ClassifierError`] if the program was built with damaged files; a test reads them.
 pub fn shipped() -> Result<Loaded, &'static ClassifierError> {
     static SHIPPED: OnceLock<Result<Loaded, ClassifierError>> = OnceLock::new();
-    SHIPPED.get_or_init(|| texts().load()).as_ref().map(Clone::clone)
+    match SHIPPED.get_or_init(|| texts().load()) {
+        Ok(loaded) => Ok(loaded.clone()),
+        Err(error) => Err(error),
+    }
 }
 
 #[cfg(test)]

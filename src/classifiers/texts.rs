@@ -24,10 +24,21 @@ pub struct Texts {
     pub description: String,
 }
 
-/// Texts that are no classifier.
+/// Why there is no classifier: nothing could be learned, or its texts are damaged.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClassifierError {
+    /// The training.
+    #[error("no classifier of the kind {kind} can be trained: {source}")]
+    Training {
+        /// The kind that failed.
+        kind: &'static str,
+        /// Why.
+        source: SvmError,
+    },
+    /// No kind of classifier was asked for.
+    #[error("no kind of classifier was asked for")]
+    NoKind,
     /// The model file.
     #[error("model.svm: {0}")]
     Model(#[from] SvmError),
@@ -53,7 +64,7 @@ pub struct Description {
     pub kind: String,
     /// The features in the order of the model.
     pub features: Vec<String>,
-    /// From scores to probabilities: from a score on, the probability, and the images that it was taken from.
+    /// From scores to probabilities: the mean score of a pool of images, their probability, and how many they are.
     pub calibration: Vec<(f64, f64, usize)>,
     /// By so many times the odds of being wrong may be larger in an area that was not trained on.
     pub caution: f64,
@@ -156,8 +167,8 @@ impl Texts {
         let inconsistent = |detail: &str| ClassifierError::Inconsistent { detail: detail.to_owned() };
         let description: Description = serde_json::from_str(&self.description)?;
         let DomainText { least, most, mean, covariance, farthest } = description.domain.clone();
-        let steps = description.calibration.iter().map(|(from, probability, images)| Step {
-            from: *from,
+        let steps = description.calibration.iter().map(|(score, probability, images)| Step {
+            score: *score,
             probability: *probability,
             images: *images,
         });
@@ -179,5 +190,99 @@ impl Texts {
         }
         let sha256 = self.sha256();
         Ok(Loaded { classifier: Arc::new(classifier), description: Arc::new(description), sha256 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::classifiers::train::tests::quickly_trained;
+
+    /// The texts with something else in the description.
+    fn described(texts: &Texts, change: impl FnOnce(&mut serde_json::Value)) -> Texts {
+        let mut description = serde_json::from_str(&texts.description).unwrap();
+        change(&mut description);
+        Texts { description: description.to_string(), ..texts.clone() }
+    }
+
+    /// The same but for the last digits of numbers, in which JSON is not read exactly.
+    fn alike(a: &serde_json::Value, b: &serde_json::Value) -> bool {
+        use serde_json::Value::{Array, Number, Object};
+        match (a, b) {
+            (Array(a), Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| alike(a, b)),
+            (Object(a), Object(b)) => a.keys().eq(b.keys()) && a.values().zip(b.values()).all(|(a, b)| alike(a, b)),
+            (Number(a), Number(b)) => a.as_f64().zip(b.as_f64()).is_some_and(|(a, b)| (a - b).abs() <= 1e-14 * a.abs()),
+            _ => a == b,
+        }
+    }
+
+    #[test]
+    fn the_texts_of_what_was_read_are_the_same() {
+        for kind in [Kind::Paper, Kind::EvidenceLogistic] {
+            let texts = quickly_trained(kind);
+            let loaded = texts.load().unwrap();
+            assert_eq!(loaded.classifier.kind, kind);
+            let again = Texts::of(&loaded.classifier, &loaded.description).unwrap();
+            assert_eq!((&again.model, &again.scaling), (&texts.model, &texts.scaling));
+            let [again, before] = [&again, &texts].map(|texts| serde_json::from_str(&texts.description).unwrap());
+            assert!(alike(&again, &before));
+        }
+    }
+
+    #[test]
+    fn the_hash_changes_with_each_of_the_texts() {
+        let texts = quickly_trained(Kind::OneFeature);
+        let longer = |text: &String| text.clone() + "\n";
+        let others = [
+            Texts { model: longer(&texts.model), ..texts.clone() },
+            Texts { scaling: longer(&texts.scaling), ..texts.clone() },
+            Texts { description: longer(&texts.description), ..texts.clone() },
+            // the same bytes in a row
+            Texts { model: texts.model.clone() + "x", scaling: texts.scaling[1..].to_owned(), ..texts.clone() },
+        ];
+        let mut hashes: Vec<[u8; 32]> = others.iter().chain([&texts]).map(Texts::sha256).collect();
+        hashes.sort_unstable();
+        hashes.dedup();
+        assert_eq!(hashes.len(), 5);
+        let loaded = texts.load().unwrap();
+        assert_eq!(loaded.sha256, texts.sha256());
+        let bytes: Vec<u8> =
+            (0..32).map(|k| u8::from_str_radix(&loaded.hash()[2 * k..2 * k + 2], 16).unwrap()).collect();
+        assert_eq!((bytes, loaded.hash().len()), (texts.sha256().to_vec(), 64));
+    }
+
+    #[test]
+    fn damaged_texts_are_refused_by_the_name_of_their_file() {
+        let texts = quickly_trained(Kind::EvidenceLogistic);
+        let other = quickly_trained(Kind::OneFeature);
+        let refused = |texts: &Texts, file: &str| {
+            let error = texts.load().unwrap_err().to_string();
+            assert!(error.starts_with(file), "{error} instead of {file}");
+        };
+        let half = |text: &str| text[..text.len() / 2].to_owned();
+        refused(&Texts { model: half(&texts.model), ..texts.clone() }, "model.svm");
+        refused(&Texts { scaling: texts.scaling.replacen("-1 1", "0 1", 1), ..texts.clone() }, "scaling.range");
+        refused(&Texts { description: half(&texts.description), ..texts.clone() }, "classifier.json");
+        refused(&Texts { scaling: other.scaling.clone(), ..texts.clone() }, "classifier.json");
+        refused(&Texts { model: texts.model.clone(), ..other.clone() }, "classifier.json");
+        type Damage = fn(&mut serde_json::Value);
+        let damages: [(&str, Damage); 11] = [
+            ("unknown kind", |d| d["kind"] = "oracle".into()),
+            ("another kind", |d| d["kind"] = "paper".into()),
+            ("unknown field", |d| d["colour"] = "red".into()),
+            ("swapped features", |d| d["features"].as_array_mut().unwrap().swap(0, 1)),
+            ("falling calibration", |d| d["calibration"].as_array_mut().unwrap().reverse()),
+            ("no calibration", |d| d["calibration"] = serde_json::json!([])),
+            ("certain calibration", |d| d["calibration"][0][1] = 1.0.into()),
+            ("small domain", |d| drop(d["domain"]["least"].as_array_mut().unwrap().pop())),
+            ("no covariance", |d| drop(d["domain"]["covariance"].as_array_mut().unwrap().pop())),
+            ("few distributions", |d| drop(d["distributions"].as_array_mut().unwrap().pop())),
+            ("no caution", |d| d["caution"] = 0.5.into()),
+        ];
+        for (name, damage) in damages {
+            let damaged = described(&texts, damage);
+            assert!(damaged.load().is_err_and(|error| error.to_string().starts_with("classifier.json")), "{name}");
+        }
+        assert!(described(&texts, |_| ()).load().is_ok());
     }
 }

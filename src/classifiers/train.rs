@@ -54,12 +54,12 @@ pub fn trained(training: &Training, progress: &dyn Fn(f64) -> bool) -> Result<Te
     let mut all: Vec<(Trained, Comparison, Plan)> = Vec::new();
     let count = training.kinds.len() as f64;
     for (k, kind) in training.kinds.iter().enumerate() {
-        all.push(of_kind(training, *kind, &|done| progress((k as f64 + done) / count))?);
+        let of_kind = of_kind(training, *kind, &|done| progress((k as f64 + done) / count));
+        all.push(of_kind.map_err(|source| ClassifierError::Training { kind: kind.name(), source })?);
     }
     let compared: Vec<Comparison> = all.iter().map(|(_, comparison, _)| comparison.clone()).collect();
     let best = all.into_iter().min_by(|a, b| a.1.deciding_cost().total_cmp(&b.1.deciding_cost()));
-    let (trained, _, plan) =
-        best.ok_or(SvmError::Untrainable { detail: "no kind of classifier was asked for".to_owned() })?;
+    let (trained, _, plan) = best.ok_or(ClassifierError::NoKind)?;
     let description = description(training, &trained, &plan, compared);
     Texts::of(&trained.classifier, &description)
 }
@@ -68,7 +68,7 @@ fn of_kind(
     training: &Training,
     kind: Kind,
     progress: &dyn Fn(f64) -> bool,
-) -> Result<(Trained, Comparison, Plan), ClassifierError> {
+) -> Result<(Trained, Comparison, Plan), SvmError> {
     let plan = Plan::new(kind, &feature_names(kind), training.costs);
     let inside = examples(&training.set.images, kind);
     let mut trained = train(&inside, &plan, &|done| progress(0.6 * done))?;
@@ -118,7 +118,7 @@ fn description(training: &Training, trained: &Trained, plan: &Plan, compared: Ve
     Description {
         kind: classifier.kind.name().to_owned(),
         features: classifier.features.clone(),
-        calibration: classifier.calibration.steps().iter().map(|s| (s.from, s.probability, s.images)).collect(),
+        calibration: classifier.calibration.steps().iter().map(|s| (s.score, s.probability, s.images)).collect(),
         caution: classifier.caution,
         domain: (&classifier.domain).into(),
         distributions: trained.distributions.iter().map(|d| d.as_ref().map(Into::into)).collect(),
@@ -145,4 +145,157 @@ fn description(training: &Training, trained: &Trained, plan: &Plan, compared: Ve
 pub(super) fn evidence(image: &LabelledImage) -> Option<Evidence> {
     let numbers = image.evidence.as_ref()?;
     evidence_of(numbers).ok()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::cell::RefCell;
+
+    use super::*;
+    use crate::classifiers::labelled::tests::simulated;
+    use crate::classifiers::{Loaded, scored};
+    use crate::diagnosis::Policy;
+    use crate::diagnosis::judge::threshold;
+    use crate::learning::Confusion;
+
+    /// The texts of a classifier of some simulated images of two areas.
+    pub(crate) fn quickly_trained(kind: Kind) -> Texts {
+        of_areas(&two_areas(), &TrainingSet::default(), &[kind]).unwrap()
+    }
+
+    fn two_areas() -> TrainingSet {
+        let images = [simulated("north", 1, 100), simulated("south", 2, 80)].concat();
+        let set = |name: &str, images: usize| LabelledSet { name: name.to_owned(), images, sha256: "ab".to_owned() };
+        TrainingSet { sets: vec![set("north", 100), set("south", 80)], images }
+    }
+
+    fn of_areas(set: &TrainingSet, not_trained_on: &TrainingSet, kinds: &[Kind]) -> Result<Texts, ClassifierError> {
+        trained(&Training { set, not_trained_on, kinds, costs: Costs::default() }, &|_| true)
+    }
+
+    fn accepted(loaded: &Loaded, images: &[LabelledImage]) -> Confusion {
+        let decides = threshold(&loaded.classifier, &Policy { caution: Some(1.0), ..Policy::default() });
+        let judged = images.iter().map(|image| scored(&loaded.classifier, image));
+        Confusion::of(judged.map(|s| (s.score > decides, s.right)))
+    }
+
+    #[test]
+    fn the_same_images_make_the_same_texts() {
+        assert_eq!(quickly_trained(Kind::Paper), quickly_trained(Kind::Paper));
+        assert_ne!(quickly_trained(Kind::Paper), quickly_trained(Kind::OneFeature));
+    }
+
+    #[test]
+    fn what_was_learned_is_worth_its_price_on_other_images() {
+        for kind in Kind::ALL {
+            let loaded = quickly_trained(kind).load().unwrap();
+            let confusion = accepted(&loaded, &simulated("north", 3, 400));
+            let costs = Costs::default();
+            let right = (confusion.cc + confusion.wc) as f64 / 400.0;
+            let cost = confusion.expected_cost(&costs);
+            assert!(cost < costs.of_rejecting(right) - 0.2, "{}: {confusion:?}", kind.name());
+        }
+    }
+
+    #[test]
+    fn the_kind_that_costs_least_elsewhere_is_kept_with_the_figures_of_all() {
+        let further = TrainingSet { sets: vec![], images: simulated("west", 4, 60) };
+        let loaded = of_areas(&two_areas(), &further, &[Kind::OneFeature, Kind::EvidenceLogistic]).unwrap().load();
+        let description = loaded.unwrap().description;
+        let compared = &description.provenance.compared;
+        let kinds: Vec<&str> = compared.iter().map(|comparison| comparison.kind.as_str()).collect();
+        assert_eq!(kinds, ["one_feature", "evidence_logistic"]);
+        let best = compared.iter().min_by(|a, b| a.deciding_cost().total_cmp(&b.deciding_cost())).unwrap();
+        assert_eq!((&best.kind, best.caution), (&description.kind, description.caution));
+        for comparison in compared {
+            let areas: Vec<(&str, usize)> = comparison
+                .areas_not_trained_on
+                .iter()
+                .map(|area| (area.area.as_str(), area.confusion.iter().sum()))
+                .collect();
+            assert_eq!(areas, [("north", 100), ("south", 80), ("west", 60)]);
+            let costs: Vec<f64> = comparison.areas_not_trained_on.iter().map(|area| area.cost).collect();
+            assert!((comparison.deciding_cost() - costs.iter().sum::<f64>() / 3.0).abs() < 1e-12);
+        }
+        let alone = TrainingSet { sets: vec![], images: simulated("north", 1, 100) };
+        let alone = of_areas(&alone, &TrainingSet::default(), &[Kind::OneFeature]).unwrap().load().unwrap().description;
+        let comparison = &alone.provenance.compared[0];
+        assert_eq!((comparison.areas_not_trained_on.len(), alone.caution), (0, caution(&[], &Costs::default()).0));
+        assert_eq!(comparison.deciding_cost(), comparison.cost_cross_validated);
+    }
+
+    #[test]
+    fn the_provenance_counts_what_was_there() {
+        let set = two_areas();
+        let further = TrainingSet {
+            sets: vec![LabelledSet { name: "west".to_owned(), images: 60, sha256: "cd".to_owned() }],
+            images: simulated("west", 4, 60),
+        };
+        let loaded = of_areas(&set, &further, &[Kind::Paper]).unwrap().load().unwrap();
+        let provenance = &loaded.description.provenance;
+        assert_eq!((&provenance.sets, &provenance.sets_not_trained_on), (&set.sets, &further.sets));
+        assert_eq!(provenance.areas, [("north".to_owned(), 100), ("south".to_owned(), 80)].into());
+        // every tenth image has no orientation, all others have three trials
+        assert_eq!((provenance.samples, provenance.samples_used), (3 * 162, 3 * 162));
+        assert_eq!(provenance.costs, [0.0, 40.0, 5.0, 10.0]);
+        assert!(provenance.support_vectors > 1 && provenance.c.is_some() && provenance.gamma.is_some());
+        let evaluation = &loaded.description.evaluation;
+        assert_eq!(evaluation.images, 180);
+        assert_eq!(evaluation.right, set.images.iter().filter(|image| image.right()).count());
+    }
+
+    #[test]
+    fn evidence_that_is_not_complete_is_no_sample() {
+        let mut set = two_areas();
+        for image in set.images.iter_mut().filter(|image| image.area == "north").take(20) {
+            if let Some(numbers) = &mut image.evidence {
+                numbers.remove("log_odds");
+            }
+        }
+        let loaded = of_areas(&set, &TrainingSet::default(), &[Kind::EvidenceLogistic]).unwrap().load().unwrap();
+        // two of the twenty had none before
+        assert_eq!(loaded.description.provenance.samples, 162 - 18);
+        let incomplete = set.images.iter().find(|image| image.area == "north").unwrap();
+        assert_eq!(scored(&loaded.classifier, incomplete).score, f64::NEG_INFINITY);
+    }
+
+    #[test]
+    fn a_training_tells_how_far_it_is_and_ends_when_told_to() {
+        let (set, nothing) = (two_areas(), TrainingSet::default());
+        let kinds = [Kind::OneFeature, Kind::Paper];
+        let training = Training { set: &set, not_trained_on: &nothing, kinds: &kinds, costs: Costs::default() };
+        let heard = RefCell::new(Vec::new());
+        let hear = |most: f64| {
+            heard.borrow_mut().clear();
+            trained(&training, &|done| {
+                heard.borrow_mut().push(done);
+                done < most
+            })
+        };
+        assert!(hear(2.0).is_ok());
+        let all = heard.borrow().clone();
+        assert!(all.is_sorted() && all[0] > 0.0 && all[all.len() - 1] <= 1.0 && all.iter().any(|done| *done > 0.9));
+        let ended = hear(0.6).unwrap_err();
+        assert!(matches!(ended, ClassifierError::Training { source: SvmError::Stopped, .. }), "{ended}");
+        assert!(heard.borrow().iter().filter(|done| **done >= 0.6).count() == 1);
+    }
+
+    #[test]
+    fn where_nothing_can_be_learned_the_kind_is_named() {
+        let nothing = TrainingSet::default();
+        let mut right = two_areas();
+        right.images.retain(LabelledImage::right);
+        let mut without_trials = two_areas();
+        without_trials.images.iter_mut().for_each(|image| image.trials.clear());
+        for (set, kind, said) in [
+            (&right, Kind::EvidenceSvm, "0 are wrong"),
+            (&right, Kind::EvidenceLogistic, "0 are wrong"),
+            (&nothing, Kind::EvidenceLogistic, "too few"),
+            (&without_trials, Kind::Paper, "too few"),
+        ] {
+            let error = of_areas(set, &nothing, &[kind]).unwrap_err().to_string();
+            assert!(error.contains(kind.name()) && error.contains(said), "{error}");
+        }
+        assert!(matches!(of_areas(&two_areas(), &nothing, &[]), Err(ClassifierError::NoKind)));
+    }
 }

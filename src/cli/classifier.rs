@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 use clap::{Args, Subcommand};
 use gable::classifiers::Texts;
 use gable::jobs::active::{ActiveClassifier, SHIPPED, stored_classifier};
@@ -80,15 +80,14 @@ impl ClassifierCommand {
             Action::Add { folder, name, data } => {
                 let texts = sets::texts_of(&folder)?;
                 texts.load().with_context(|| folder.display().to_string())?;
-                if name == SHIPPED {
-                    bail!("{SHIPPED} is the name of the classifier that Gable brings along; give another --name");
-                }
+                let store = data.open().await?;
+                refuse_taken(&store, &name).await?;
                 let sha256 = texts.sha256();
                 let Texts { model, scaling, description } = texts;
                 let stored = ClassifierTexts { model, scaling, description };
                 let plan = serde_json::json!({"added_from": folder}).to_string();
-                if !data.open().await?.add_classifier(Uuid::now_v7(), &name, &plan, &stored, sha256).await? {
-                    bail!("there is a classifier of the name {name:?} already; give another --name");
+                if !store.add_classifier(Uuid::now_v7(), &name, &plan, &stored, sha256).await? {
+                    return Err(taken(&name));
                 }
                 print(&format!("added {name}"))
             }
@@ -114,6 +113,20 @@ impl ClassifierCommand {
             }
         }
     }
+}
+
+/// Refuses a name that no new classifier can have.
+pub(super) async fn refuse_taken(store: &Store, name: &str) -> anyhow::Result<()> {
+    if name == SHIPPED {
+        bail!("{SHIPPED} is the name of the classifier that Gable brings along; give another --name");
+    }
+    let is_taken = store.classifiers(None, MOST).await?.iter().any(|stored| stored.name == name);
+    if is_taken { Err(taken(name)) } else { Ok(()) }
+}
+
+/// What is told of a name that another classifier has.
+pub(super) fn taken(name: &str) -> anyhow::Error {
+    anyhow!("there is a classifier of the name {name:?} already; give another --name")
 }
 
 /// A classifier by its name; `None` for the one that Gable brings along.

@@ -35,6 +35,9 @@ Examples:
   gable simulate --mixture poor --images 40 --likeness bench/boruszyn_wire
       Measures what real photographs and those of the mixture have in common, side by side.
 
+  gable simulate --mixture hostile --images 10000 --out study-hostile
+      Tries to get a wrong orientation accepted: control on a line, in a corner, just enough or false, repeated houses.
+
   gable simulate --mixture poor --seed 17 --write
       Writes the scene of the study's image 17, to look at.
 
@@ -81,6 +84,8 @@ enum MixtureName {
     Poor,
     /// From the best to the hopeless, to train classifiers with.
     Wide,
+    /// Control that invites a wrong answer: nothing wrong may be accepted.
+    Hostile,
 }
 
 impl From<MixtureName> for Mixture {
@@ -89,6 +94,7 @@ impl From<MixtureName> for Mixture {
             MixtureName::Good => Self::Good,
             MixtureName::Poor => Self::Poor,
             MixtureName::Wide => Self::Wide,
+            MixtureName::Hostile => Self::Hostile,
         }
     }
 }
@@ -119,8 +125,10 @@ impl Simulate {
         for seed in seeds.clone() {
             bar.set_message(format!("seed {seed}"));
             let folder = self.folder(seed);
-            let settings = self.mixture.map_or(given, |name| Mixture::from(name).settings(seed));
-            let scene = Scene::draw(seed, &settings)?;
+            let scene = match self.mixture {
+                Some(name) => Mixture::from(name).scene(seed)?,
+                None => Scene::draw(seed, &given)?,
+            };
             std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
             scene.write(&folder)?;
             bar.inc(1);

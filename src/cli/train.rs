@@ -15,6 +15,7 @@ use gable::store::classifiers::ClassifierTexts;
 use indicatif::{ProgressBar, ProgressStyle};
 use uuid::Uuid;
 
+use super::classifier::{refuse_taken, taken};
 use super::evaluate::costs;
 use super::{print, sets};
 
@@ -77,6 +78,9 @@ impl Train {
             Some(folder) => Some(Store::open(folder).await?),
             None => None,
         };
+        if let (Some(store), Some(name)) = (&store, &self.name) {
+            refuse_taken(store, name).await?;
+        }
         let set = match &store {
             Some(store) if self.sets.is_empty() => history(store).await?,
             _ => sets::read_sets(&self.sets)?,
@@ -110,7 +114,7 @@ impl Train {
         let stored = ClassifierTexts { model, scaling, description };
         let plan = serde_json::to_string(&plan).context("the plan cannot be written")?;
         if !store.add_classifier(id, name, &plan, &stored, texts.sha256()).await? {
-            bail!("there is a classifier of the name {name:?} already; give another --name");
+            return Err(taken(name));
         }
         if self.activate {
             store.activate_classifier(Some(id)).await?;

@@ -172,3 +172,31 @@ pub struct Trial {
 
 /// Trials that are kept of an image.
 pub const MOST_TRIALS: usize = 64;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::thresholds::tests::sound;
+
+    fn read(numbers: &[(&str, f64)]) -> Result<Evidence, &'static str> {
+        Evidence::from_numbers(|name| numbers.iter().find(|(other, _)| *other == name).map(|(_, value)| *value))
+    }
+
+    #[test]
+    fn numbers_make_the_same_evidence() {
+        assert_eq!(read(&sound().numbers()), Ok(sound()));
+        for missing in 0..30 {
+            let mut numbers = sound().numbers().to_vec();
+            let (name, _) = numbers.remove(missing);
+            assert_eq!(read(&numbers), Err(name));
+        }
+    }
+
+    #[test]
+    fn numbers_are_finite_and_as_bad_as_can_be_where_there_is_none() {
+        let nothing = Evidence { sigma0: f64::NAN, log_odds: f64::NAN, hull_share: f64::NEG_INFINITY, ..sound() };
+        let of_name = |name: &str| nothing.numbers().into_iter().find(|(other, _)| *other == name).unwrap().1;
+        assert_eq!((of_name("sigma0"), of_name("log_odds"), of_name("hull_share")), (LARGEST, -LARGEST, -LARGEST));
+        assert!(nothing.numbers().iter().all(|(_, value)| value.is_finite()));
+    }
+}

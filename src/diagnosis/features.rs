@@ -39,7 +39,7 @@ pub struct EvidenceFeature {
 }
 
 /// The features of the evidence.
-pub const OF_EVIDENCE: [EvidenceFeature; 20] = [
+pub const OF_EVIDENCE: [EvidenceFeature; 21] = [
     EvidenceFeature {
         name: "safety_from_chance",
         about: "probability that random errors stay within the tolerance",
@@ -49,6 +49,11 @@ pub const OF_EVIDENCE: [EvidenceFeature; 20] = [
         name: "safety_from_displacement",
         about: "probability that no displaced control point takes the ground beyond the tolerance",
         value: |e| log_odds_against(e.risk.with_displacement),
+    },
+    EvidenceFeature {
+        name: "safety_from_pair",
+        about: "probability that no two displaced control points together take the ground beyond the tolerance",
+        value: |e| log_odds_against(e.risk.with_pair),
     },
     EvidenceFeature {
         name: "tolerance_by_sigma",
@@ -165,4 +170,80 @@ fn log_ratio(tolerance_m: f64, length_m: f64) -> f64 {
         return f64::NAN;
     }
     (tolerance_m / length_m).clamp(1.0 / LARGEST_RATIO, LARGEST_RATIO).ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::thresholds::tests::sound;
+
+    /// What is worse for each feature, in their order.
+    const WORSE: [fn(&mut Evidence); 21] = [
+        |e| e.risk.by_chance *= 10.0,
+        |e| e.risk.with_displacement *= 10.0,
+        |e| e.risk.with_pair *= 10.0,
+        |e| e.sigma_planimetric_m *= 2.0,
+        |e| e.sensitivity.undetected_by_one_m *= 2.0,
+        |e| e.sensitivity.undetected_by_two_m *= 2.0,
+        |e| e.sensitivity.change_by_one_m *= 2.0,
+        |e| e.sensitivity.change_by_two_m *= 2.0,
+        |e| e.moved_by_lines_m *= 2.0,
+        |e| e.control_points -= 3,
+        |e| e.control_points_in_view += 5,
+        |e| e.sensitivity.mean_test *= 2.0,
+        |e| e.sensitivity.largest_test *= 2.0,
+        |e| e.sigma0 *= 1.5,
+        |e| e.inlier_share -= 0.1,
+        |e| e.matched_share_in_view -= 0.1,
+        |e| e.hull_share -= 0.1,
+        |e| e.log_odds -= 20.0,
+        |e| e.runner_up_log_odds += 20.0,
+        |e| e.distance_from_approximation += 3.0,
+        |e| e.features.eliminated += 2,
+    ];
+
+    #[test]
+    fn what_is_worse_is_less() {
+        let before = of_evidence(&sound());
+        for (k, worse) in WORSE.iter().enumerate() {
+            let mut evidence = sound();
+            worse(&mut evidence);
+            let after = of_evidence(&evidence);
+            assert!(after[k] < before[k], "{}", OF_EVIDENCE[k].name);
+            assert!((0..21).all(|other| after[other] <= before[other]), "{}", OF_EVIDENCE[k].name);
+        }
+    }
+
+    #[test]
+    fn units_of_length_do_not_matter() {
+        let mut in_feet = sound();
+        for length in [
+            &mut in_feet.tolerance_m,
+            &mut in_feet.sigma_planimetric_m,
+            &mut in_feet.sigma_of_nine_m,
+            &mut in_feet.moved_by_lines_m,
+            &mut in_feet.sensitivity.change_by_one_m,
+            &mut in_feet.sensitivity.change_by_two_m,
+            &mut in_feet.sensitivity.undetected_by_one_m,
+            &mut in_feet.sensitivity.undetected_by_two_m,
+        ] {
+            *length /= 0.3048;
+        }
+        let differs = |(a, b): (&f64, &f64)| (a - b).abs() > 1e-9;
+        assert!(!of_evidence(&in_feet).iter().zip(&of_evidence(&sound())).any(differs));
+    }
+
+    #[test]
+    fn features_of_trials_are_the_papers() {
+        let features = Features { control_points: 9, eliminated: 2, log_sigma0: 0.5, log_configuration: 1.25 };
+        assert_eq!(of_trial(&features), [9.0, -2.0, -0.5, -1.25]);
+        assert_eq!(of_trial_simplified(&features), [-(2.0 * 0.5 + 1.25)]);
+    }
+
+    #[test]
+    fn lengths_that_are_none_have_no_feature() {
+        assert!(log_ratio(1.0, f64::NAN).is_nan() && log_ratio(0.0, 1.0).is_nan() && log_ratio(1.0, -1.0).is_nan());
+        assert_eq!(log_ratio(1.0, 0.0), LARGEST_RATIO.ln());
+        assert_eq!(log_ratio(1.0, f64::INFINITY), -LARGEST_RATIO.ln());
+    }
 }

@@ -71,8 +71,8 @@ pub fn threshold(classifier: &Classifier, policy: &Policy) -> f64 {
     let of_costs = || {
         let caution = policy.caution.unwrap_or(classifier.caution);
         let from = classifier.calibration.least_score(policy.costs.least_probability_with(caution)?)?;
-        // what exceeds the threshold is accepted
-        Some(from.next_down())
+        // what exceeds the threshold is accepted, and it is finite where all are
+        Some(from.next_down().max(2.0 * LEAST_SCORE))
     };
     policy.threshold.or_else(of_costs).unwrap_or(f64::INFINITY)
 }
@@ -94,9 +94,8 @@ pub fn judge(case: &Case, classifier: &Classifier, policy: &Policy) -> Diagnosis
     let threshold = threshold(classifier, policy);
     let judgement = judged(classifier, case);
     let (score, probability) = judgement.map_or((LEAST_SCORE, 0.0), |j| (j.score.max(LEAST_SCORE), j.probability));
-    let known = judgement.is_some_and(|j| j.outside.is_none()) && is_finite(case.evidence);
-    let checked = case.evidence.control_points >= LEAST_CONTROL_POINTS;
-    let verdict = if known && checked && score > threshold {
+    let known = judgement.is_some_and(|j| j.outside.is_none());
+    let verdict = if known && is_checked(case.evidence) && score > threshold {
         Verdict::Green
     } else if judgement.is_some() && probability >= LEAST_PROBABILITY_OF_YELLOW {
         Verdict::Yellow
@@ -134,8 +133,14 @@ pub fn not_oriented(code: &'static str, detail: String) -> Diagnosis {
     }
 }
 
-fn is_finite(evidence: &Evidence) -> bool {
+/// Whether it may be green at all: the evidence is whole, enough control points check one another, and no other
+/// orientation is half as well founded. Where houses repeat, all else may fit perfectly, which no classifier learns from
+/// areas where they do not.
+#[must_use]
+pub fn is_checked(evidence: &Evidence) -> bool {
     of_evidence(evidence).iter().all(|value| value.is_finite())
+        && evidence.control_points >= LEAST_CONTROL_POINTS
+        && evidence.log_odds > 2.0 * evidence.runner_up_log_odds
 }
 
 /// Why, the most telling reason first.
@@ -236,3 +241,6 @@ fn listed<'n>(names: impl Iterator<Item = &'n str>) -> String {
     let shown = names[..names.len().min(MOST_NAMES)].join(", ");
     if names.len() > MOST_NAMES { format!("{shown} and {} more", names.len() - MOST_NAMES) } else { shown }
 }
+
+#[cfg(test)]
+mod tests;

@@ -79,3 +79,88 @@ fn worst(ground: &[GroundPoint], of_point: impl Fn(&GroundPoint) -> f64) -> f64 
 fn largest_sigma_m(point: &GroundPoint, covariance: &Matrix6<f64>) -> f64 {
     largest_sigma(&(point.by_parameters * covariance * point.by_parameters.transpose()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimation::simulated::{Draws, Linear, observed};
+    use approx::assert_relative_eq;
+    use nalgebra::{Matrix2x6, Vector3};
+
+    const COUNT: usize = 8;
+
+    /// Two points of the ground that depend on the parameters in some way.
+    fn ground(draws: &mut Draws) -> Vec<GroundPoint> {
+        (0..2)
+            .map(|_| GroundPoint {
+                image_px: Vector2::zeros(),
+                ground_m: Vector3::zeros(),
+                by_parameters: Matrix2x6::from_fn(|_, _| draws.normal()),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_ground_moves_as_it_does_without_the_control_points() {
+        let mut draws = Draws::new(51);
+        let (linear, ground) = (Linear::new(&mut draws, COUNT), ground(&mut draws));
+        let observed = observed(&mut draws, COUNT);
+        let sensitivities = Sensitivities::of(&linear.reliability(&observed), &ground);
+        assert_eq!((sensitivities.single.len(), sensitivities.pairs.len()), (COUNT, COUNT * (COUNT - 1) / 2));
+        let moved_m = |members: &[usize]| {
+            let step = linear.estimate(&observed, members) - linear.estimate(&observed, &[]);
+            ground.iter().map(|point| (point.by_parameters * step).norm()).fold(0.0, f64::max)
+        };
+        for single in &sensitivities.single {
+            assert_relative_eq!(single.change_m, moved_m(&single.members), epsilon = 1e-9);
+            assert!(single.change_m <= single.empirical_m + 1e-9, "a bound that does not hold");
+        }
+        for pair in &sensitivities.pairs {
+            assert_relative_eq!(pair.change_m, moved_m(&pair.members), epsilon = 1e-9);
+            assert!(pair.change_m <= pair.empirical_m + 1e-9);
+        }
+    }
+
+    #[test]
+    fn what_the_test_hardly_finds_moves_the_ground_to_the_theoretical_bound_at_most() {
+        let mut draws = Draws::new(52);
+        let (linear, ground) = (Linear::new(&mut draws, COUNT), ground(&mut draws));
+        let still = vec![Vector2::zeros(); COUNT];
+        let reliability = linear.reliability(&still);
+        let bound = Sensitivities::of(&reliability, &ground).single[2].theoretical_m;
+        let delta_0 = reliability.of(&[2]).unwrap().detectable();
+        let weights = reliability.weights.fixed_view::<2, 2>(4, 4).into_owned();
+        let mut largest_m: f64 = 0.0;
+        for k in 0..360 {
+            let angle = f64::from(k).to_radians();
+            let towards = Vector2::new(angle.cos(), angle.sin());
+            // an error whose non-centrality is just delta_0
+            let error = towards * (delta_0 / (towards.dot(&(weights * towards))).sqrt());
+            let mut displaced = still.clone();
+            displaced[2] = error;
+            let step = linear.estimate(&displaced, &[]);
+            largest_m = ground.iter().map(|g| (g.by_parameters * step).norm()).fold(largest_m, f64::max);
+        }
+        assert!(largest_m <= bound * (1.0 + 1e-9) && largest_m > 0.999 * bound, "{largest_m} of {bound}");
+    }
+
+    #[test]
+    fn a_displaced_control_point_contradicts_and_the_others_do_not() {
+        let mut draws = Draws::new(53);
+        let (linear, ground) = (Linear::new(&mut draws, 20), ground(&mut draws));
+        let mut observed = observed(&mut draws, 20);
+        observed[7] += Vector2::new(12.0, -9.0);
+        let sensitivities = Sensitivities::of(&linear.reliability(&observed), &ground);
+        let worst = sensitivities.single.iter().max_by(|a, b| a.test.total_cmp(&b.test)).unwrap();
+        assert!(worst.members == [7] && worst.contradicts);
+        assert!((worst.discrepancy_px[0] - Vector2::new(12.0, -9.0)).norm() < 5.0);
+    }
+
+    #[test]
+    fn control_points_that_the_others_do_not_predict_are_left_out() {
+        let mut draws = Draws::new(54);
+        let (linear, ground) = (Linear::new(&mut draws, 3), ground(&mut draws));
+        let reliability = linear.reliability(&observed(&mut draws, 3));
+        assert_eq!(Sensitivities::of(&reliability, &ground), Sensitivities::default());
+    }
+}

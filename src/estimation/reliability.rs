@@ -143,7 +143,7 @@ fn inverted(weights: &DMatrix<f64>, negligible: f64) -> Option<(DMatrix<f64>, DM
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimation::simulated::Draws;
+    use crate::estimation::simulated::{Draws, Linear, observed};
     use approx::assert_relative_eq;
 
     /// Probability that chi-square exceeds twice `half`.
@@ -175,53 +175,6 @@ mod tests {
             assert!((exceeds(CRITICAL[k], freedom, 0.0) - 0.001).abs() < 3e-6);
             assert!((exceeds(CRITICAL[k], freedom, DETECTABLE[k].powi(2)) - 0.8).abs() < 2e-3);
         }
-    }
-
-    /// A linear problem: points at places, two coordinates each, explained by six parameters and observed with a
-    /// standard deviation of one.
-    struct Linear {
-        designs: Vec<nalgebra::Matrix2x6<f64>>,
-    }
-
-    impl Linear {
-        fn new(draws: &mut Draws, count: usize) -> Self {
-            Self { designs: (0..count).map(|_| nalgebra::Matrix2x6::from_fn(|_, _| draws.normal())).collect() }
-        }
-
-        fn normal(&self, without: &[usize]) -> Matrix6<f64> {
-            let used = self.designs.iter().enumerate().filter(|(k, _)| !without.contains(k));
-            used.fold(Matrix6::zeros(), |sum, (_, design)| sum + design.transpose() * design)
-        }
-
-        fn estimate(&self, observed: &[nalgebra::Vector2<f64>], without: &[usize]) -> Vector6<f64> {
-            let used = self.designs.iter().zip(observed).enumerate().filter(|(k, _)| !without.contains(k));
-            let side = used.fold(Vector6::zeros(), |sum, (_, (design, observed))| sum + design.transpose() * observed);
-            self.normal(without).cholesky().unwrap().solve(&side)
-        }
-
-        fn reliability(&self, observed: &[nalgebra::Vector2<f64>]) -> Reliability {
-            let (count, estimate) = (self.designs.len(), self.estimate(observed, &[]));
-            let covariance = self.normal(&[]).try_inverse().unwrap();
-            let mut design = DMatrix::zeros(2 * count, 6);
-            let mut right_side = DVector::zeros(2 * count);
-            for (k, (own, observed)) in self.designs.iter().zip(observed).enumerate() {
-                design.fixed_view_mut::<2, 6>(2 * k, 0).copy_from(own);
-                right_side.fixed_rows_mut::<2>(2 * k).copy_from(&(observed - own * estimate));
-            }
-            let covariance_of_all = DMatrix::from_iterator(6, 6, covariance.iter().copied());
-            Reliability {
-                covariance,
-                weights: DMatrix::identity(2 * count, 2 * count) - &design * &covariance_of_all * design.transpose(),
-                right_side,
-                influence: covariance_of_all * design.transpose(),
-                own: vec![2.0; count],
-                excess: vec![0.0; count],
-            }
-        }
-    }
-
-    fn observed(draws: &mut Draws, count: usize) -> Vec<nalgebra::Vector2<f64>> {
-        (0..count).map(|_| nalgebra::Vector2::new(draws.normal(), draws.normal())).collect()
     }
 
     #[test]

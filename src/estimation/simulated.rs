@@ -1,10 +1,10 @@
 //! What the tests of this room and of those above it draw from.
 
-use nalgebra::{Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::PointObservation;
+use super::{PointObservation, Reliability};
 use crate::geometry::{ExteriorOrientation, rotation};
 
 /// Draws that are the same on every machine.
@@ -61,4 +61,52 @@ pub(crate) fn points(
         PointObservation { object_m, image_px, sigma_px }
     };
     (0..count).map(point).collect()
+}
+
+/// A linear problem: points at places, two coordinates each, explained by six parameters and observed with a
+/// standard deviation of one.
+pub(crate) struct Linear {
+    pub(crate) designs: Vec<Matrix2x6<f64>>,
+}
+
+impl Linear {
+    pub(crate) fn new(draws: &mut Draws, count: usize) -> Self {
+        Self { designs: (0..count).map(|_| Matrix2x6::from_fn(|_, _| draws.normal())).collect() }
+    }
+
+    pub(crate) fn normal(&self, without: &[usize]) -> Matrix6<f64> {
+        let used = self.designs.iter().enumerate().filter(|(k, _)| !without.contains(k));
+        used.fold(Matrix6::zeros(), |sum, (_, design)| sum + design.transpose() * design)
+    }
+
+    pub(crate) fn estimate(&self, observed: &[Vector2<f64>], without: &[usize]) -> Vector6<f64> {
+        let used = self.designs.iter().zip(observed).enumerate().filter(|(k, _)| !without.contains(k));
+        let side = used.fold(Vector6::zeros(), |sum, (_, (design, observed))| sum + design.transpose() * observed);
+        self.normal(without).cholesky().unwrap().solve(&side)
+    }
+
+    pub(crate) fn reliability(&self, observed: &[Vector2<f64>]) -> Reliability {
+        let (count, estimate) = (self.designs.len(), self.estimate(observed, &[]));
+        let covariance = self.normal(&[]).try_inverse().unwrap();
+        let mut design = DMatrix::zeros(2 * count, 6);
+        let mut right_side = DVector::zeros(2 * count);
+        for (k, (own, observed)) in self.designs.iter().zip(observed).enumerate() {
+            design.fixed_view_mut::<2, 6>(2 * k, 0).copy_from(own);
+            right_side.fixed_rows_mut::<2>(2 * k).copy_from(&(observed - own * estimate));
+        }
+        let covariance_of_all = DMatrix::from_iterator(6, 6, covariance.iter().copied());
+        Reliability {
+            covariance,
+            weights: DMatrix::identity(2 * count, 2 * count) - &design * &covariance_of_all * design.transpose(),
+            right_side,
+            influence: covariance_of_all * design.transpose(),
+            own: vec![2.0; count],
+            excess: vec![0.0; count],
+        }
+    }
+}
+
+/// Observations of points that are where they should be.
+pub(crate) fn observed(draws: &mut Draws, count: usize) -> Vec<Vector2<f64>> {
+    (0..count).map(|_| Vector2::new(draws.normal(), draws.normal())).collect()
 }

@@ -256,7 +256,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn reference(rotation: serde_json::Value) -> serde_json::Value {
+    fn reference(rotation: &serde_json::Value) -> serde_json::Value {
         json!({
             "image": "01a20225-f91a-7133-9892-18bd6449110e",
             "projection_centre": {"crs": "EPSG:25832", "coordinates": [365000.0, 5621000.0, 1200.0]},
@@ -266,16 +266,16 @@ mod tests {
 
     #[test]
     fn matrix_and_angles_say_the_same_in_the_axes_of_the_grid() {
-        let angles = checked(reference(json!({"omega_deg": 1.5, "phi_deg": -2.0, "kappa_deg": 70.0}))).unwrap();
+        let angles = checked(reference(&json!({"omega_deg": 1.5, "phi_deg": -2.0, "kappa_deg": 70.0}))).unwrap();
         let r = rotation::camera_from_object(1.5_f64.to_radians(), -(2.0_f64.to_radians()), 70_f64.to_radians());
         let rows: Vec<Vec<f64>> = (0..3).map(|row| (0..3).map(|column| r.matrix()[(row, column)]).collect()).collect();
-        let matrix = checked(reference(json!({"rotation_matrix": rows}))).unwrap();
+        let matrix = checked(reference(&json!({"rotation_matrix": rows}))).unwrap();
         for (a, b) in angles.camera_from_geocentric.iter().zip(matrix.camera_from_geocentric) {
             assert!((a - b).abs() < 1e-9);
         }
         // the axes of the local frame are turned against those of the grid by the convergence
         let local = json!({"frame": "EPSG:4979", "omega_deg": 1.5, "phi_deg": -2.0, "kappa_deg": 70.0});
-        let local = checked(reference(local)).unwrap();
+        let local = checked(reference(&local)).unwrap();
         let difference = |k: usize| (local.camera_from_geocentric[k] - angles.camera_from_geocentric[k]).abs();
         let most = (0..9).map(difference).fold(0.0, f64::max);
         assert!(most > 0.01 && most < 0.05, "{most}");
@@ -284,7 +284,7 @@ mod tests {
     #[test]
     fn every_fault_is_named() {
         let fault = |change: &dyn Fn(&mut serde_json::Value)| {
-            let mut given = reference(json!({"omega_deg": 0, "phi_deg": 0, "kappa_deg": 0}));
+            let mut given = reference(&json!({"omega_deg": 0, "phi_deg": 0, "kappa_deg": 0}));
             change(&mut given);
             checked(given).unwrap_err().0
         };

@@ -69,3 +69,67 @@ impl Inner {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::classifiers::labelled::Pose;
+    use crate::classifiers::labelled::tests::simulated;
+    use crate::classifiers::train::tests::quickly_trained;
+    use crate::jobs::training::tests::Bench;
+    use crate::learning::Kind;
+    use crate::learning::drift::DRIFTED;
+
+    /// Records of images like those of the training, with a larger sigma0 of all trials.
+    fn records(seed: u64, count: usize, larger: f64) -> Vec<String> {
+        let record = |image: LabelledImage| {
+            let trial = |TrialRow(points, eliminated, log_sigma0, log_configuration, _): &TrialRow| {
+                TrialRecord(*points, *eliminated, log_sigma0 + larger, *log_configuration, Pose([0.0; 6]))
+            };
+            let trials = image.trials.iter().map(trial).collect();
+            let record = Record { evidence: image.evidence, estimate: None, ground_height_m: None, trials };
+            serde_json::to_string(&record).unwrap()
+        };
+        simulated("north", seed, count).into_iter().map(record).collect()
+    }
+
+    async fn largest(bench: &Bench, loaded: &Loaded) -> Option<f64> {
+        let measured = measured(&bench.store, loaded).await.unwrap();
+        measured.into_iter().map(|(_, index)| index).reduce(f64::max)
+    }
+
+    #[tokio::test]
+    async fn images_like_those_of_the_training_have_not_drifted_and_others_have() {
+        let loaded = quickly_trained(Kind::OneFeature).load().unwrap();
+        for (larger, drifted) in [(0.0, false), (0.5, true)] {
+            let bench = Bench::new().await;
+            bench.keep(&records(11, 500, larger)).await;
+            let index = largest(&bench, &loaded).await.unwrap();
+            assert_eq!(index > DRIFTED, drifted, "{index}");
+        }
+    }
+
+    #[tokio::test]
+    async fn only_the_latest_orientations_count() {
+        let loaded = quickly_trained(Kind::OneFeature).load().unwrap();
+        let bench = Bench::new().await;
+        bench.keep(&records(11, 1000, 1.0)).await;
+        assert!(largest(&bench, &loaded).await.unwrap() > DRIFTED);
+        bench.keep(&records(12, RECENT as usize, 0.0)).await;
+        assert!(largest(&bench, &loaded).await.unwrap() < DRIFTED);
+    }
+
+    #[tokio::test]
+    async fn the_features_are_those_of_the_classifier_and_need_enough_readable_records() {
+        let bench = Bench::new().await;
+        let loaded = quickly_trained(Kind::EvidenceLogistic).load().unwrap();
+        // every tenth has no evidence
+        bench.keep(&records(11, 110, 0.0)).await;
+        bench.keep(&vec!["{}".to_owned(); 20]).await;
+        assert_eq!(measured(&bench.store, &loaded).await.unwrap(), []);
+        bench.keep(&records(12, 2, 0.0)).await;
+        let names: Vec<String> =
+            measured(&bench.store, &loaded).await.unwrap().into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, loaded.classifier.features);
+    }
+}

@@ -49,6 +49,8 @@ pub enum Source {
 const PAGE: u32 = 200;
 /// Between two looks at how far a training is.
 const NOTE_INTERVAL: Duration = Duration::from_millis(500);
+/// After an error of the store, before the next try.
+const PAUSE: Duration = Duration::from_secs(5);
 /// Where the tolerance of the request is in ground sample distances and the ground cannot be seen, it is nothing.
 const NO_TOLERANCE_M: f64 = 0.0;
 
@@ -95,38 +97,39 @@ impl Inner {
     /// Trains what waits, one after the other, until the service ends. What is interrupted begins anew with the next start.
     pub(super) async fn train(self: Arc<Self>) {
         while !self.stopping.is_cancelled() {
-            match self.store.begin_training().await {
+            let trained = match self.store.begin_training().await {
                 Ok(Some(stored)) => self.train_one(&stored).await,
                 Ok(None) => {
                     tokio::select! {
                         () = self.stopping.cancelled() => {}
                         () = self.to_train.notified() => {}
                     }
+                    Ok(())
                 }
-                Err(error) => {
-                    tracing::error!(%error, "no classifier can be trained at present");
-                    let _ = tokio::time::timeout(Duration::from_secs(5), self.stopping.cancelled()).await;
-                }
+                Err(error) => Err(error),
+            };
+            if let Err(error) = trained {
+                tracing::error!(%error, "no classifier can be trained at present");
+                let _ = tokio::time::timeout(PAUSE, self.stopping.cancelled()).await;
             }
         }
     }
 
-    async fn train_one(&self, stored: &StoredClassifier) {
+    /// An error leaves the classifier waiting.
+    async fn train_one(&self, stored: &StoredClassifier) -> Result<(), StoreError> {
         tracing::info!(id = %stored.id, name = stored.name, "training a classifier");
-        let ended = match self.trained(stored).await {
-            Err(TrainingError::Interrupted | TrainingError::Store(_)) => return,
+        match self.trained(stored).await {
+            Err(TrainingError::Interrupted) => return Ok(()),
+            Err(TrainingError::Store(error)) => return Err(error),
             Err(error) => {
                 tracing::warn!(id = %stored.id, %error, "a classifier could not be trained");
-                self.store.end_training(stored.id, Err(&error.to_string())).await
+                self.store.end_training(stored.id, Err(&error.to_string())).await?;
             }
-            Ok((texts, sha256)) => self.finished(stored, &texts, sha256).await,
-        };
-        if let Err(error) = ended {
-            tracing::error!(id = %stored.id, %error, "the end of a training could not be written");
-            return;
+            Ok((texts, sha256)) => self.finished(stored, &texts, sha256).await?,
         }
         // the set is of no more use; it may not be there at all
         let _ = tokio::fs::remove_file(upload_path(&self.store, stored.id)).await;
+        Ok(())
     }
 
     async fn finished(
@@ -176,7 +179,7 @@ impl Inner {
             }
         };
         let texts = match joined.map_err(|error| TrainingError::Panic { detail: error.to_string() })? {
-            Err(ClassifierError::Model(SvmError::Stopped)) => return Err(TrainingError::Interrupted),
+            Err(ClassifierError::Training { source: SvmError::Stopped, .. }) => return Err(TrainingError::Interrupted),
             texts => texts?,
         };
         let sha256 = texts.sha256();
@@ -263,3 +266,6 @@ pub fn in_frame(reference: &ReferenceOrientation, frame: &LocalFrame) -> Exterio
         camera_from_object: camera_from_geocentric * frame.local_from_geocentric().inverse(),
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -120,3 +120,60 @@ impl Classifier {
             && !farthest.is_nan()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn classifier() -> Classifier {
+        let samples: Vec<Vec<f64>> = (0..40).map(|k| vec![f64::from(k) / 20.0 - 1.0, f64::from(k % 7) / 3.0]).collect();
+        let features: Vec<&[f64]> = samples.iter().map(Vec::as_slice).collect();
+        Classifier {
+            kind: Kind::EvidenceLogistic,
+            features: vec!["a".to_owned(), "b".to_owned()],
+            scaling: Scaling::of(&features).unwrap(),
+            machine: Machine::linear(&[2.0, 0.0], 0.0).unwrap(),
+            calibration: Calibration::of(&[(-1.0, false), (0.0, false), (0.5, true), (1.0, true)]).unwrap(),
+            domain: Domain::of(&features).unwrap(),
+            caution: 1.0,
+        }
+    }
+
+    #[test]
+    fn an_image_is_as_good_as_its_best_sample() {
+        let classifier = classifier();
+        let alone = |a: f64| classifier.judge(&[vec![a, 1.0]]).unwrap();
+        let together = classifier.judge(&[vec![-0.5, 1.0], vec![0.4, 1.0], vec![0.1, 1.0]]).unwrap();
+        assert_eq!(together, alone(0.4));
+        assert!(alone(0.4).score > alone(0.1).score);
+        assert!(alone(0.9).probability > alone(-0.9).probability);
+        assert!(together.outside.is_none() && alone(-3.0).outside.is_some());
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_not_judged() {
+        let classifier = classifier();
+        assert_eq!(classifier.judge(&[]), None);
+        assert_eq!(classifier.judge(&[vec![f64::NAN, 0.0], vec![0.0, f64::INFINITY]]), None);
+        let beside = classifier.judge(&[vec![f64::NAN, 0.0], vec![0.2, 1.0]]);
+        assert_eq!(beside, classifier.judge(&[vec![0.2, 1.0]]));
+    }
+
+    #[test]
+    fn parts_of_different_sizes_do_not_belong_together() {
+        let sound = classifier();
+        assert!(sound.is_consistent());
+        assert!(!Classifier { features: vec!["a".to_owned()], ..sound.clone() }.is_consistent());
+        assert!(!Classifier { caution: 0.5, ..sound.clone() }.is_consistent());
+        let larger = Machine::linear(&[1.0, 1.0, 1.0], 0.0).unwrap();
+        assert!(!Classifier { machine: larger, ..sound }.is_consistent());
+    }
+
+    #[test]
+    fn every_kind_has_a_name_of_its_own() {
+        for kind in Kind::ALL {
+            assert_eq!(Kind::from_name(kind.name()), Some(kind));
+        }
+        assert_eq!(Kind::from_name("oracle"), None);
+    }
+}

@@ -249,6 +249,57 @@ mod tests {
         }
     }
 
+    /// The lines of the support vectors: their coefficients, and them.
+    fn support_vectors(text: &str) -> Vec<(f64, String)> {
+        let (_, vectors) = text.split_once("\nSV\n").unwrap();
+        let parted = |line: &str| {
+            let (coefficient, vector) = line.split_once(' ').unwrap();
+            (coefficient.parse().unwrap(), vector.trim_end().to_owned())
+        };
+        vectors.lines().map(parted).collect()
+    }
+
+    #[test]
+    fn svm_train_finds_the_same_support_vectors_and_predictions() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let samples = samples(1500);
+        let line = |(features, right): &(Vec<f64>, bool)| {
+            let label = if *right { RIGHT } else { WRONG };
+            let values: String = (1..).zip(features).map(|(k, value)| format!(" {k}:{value}")).collect();
+            format!("{label}{values}\n")
+        };
+        std::fs::write(path("samples"), samples.iter().map(line).collect::<String>()).unwrap();
+        for (weight_of_wrong, name) in [(1.0, "plain"), (5.0, "weighted")] {
+            let settings = Settings { weight_of_wrong, ..RBF };
+            let mut svm_train = std::process::Command::new("svm-train");
+            svm_train.args(["-q", "-s", "0", "-t", "2", "-g", "0.7", "-c", "3", "-m", "200"]);
+            svm_train.args(["-w-1", &weight_of_wrong.to_string()]).args([path("samples"), path(name)]);
+            match svm_train.status() {
+                Ok(status) => assert!(status.success()),
+                Err(error) => {
+                    eprintln!("skipped: svm-train of Debian's libsvm-tools cannot be called: {error}");
+                    return;
+                }
+            }
+            let theirs_text = std::fs::read_to_string(path(name)).unwrap();
+            let theirs = Machine::from_text(&theirs_text).unwrap();
+            let ours = Machine::train(&samples, &settings).unwrap();
+            let (of_theirs, of_ours) = (support_vectors(&theirs_text), support_vectors(&ours.to_text()));
+            assert!(of_ours.len() > 100);
+            let vectors = |of: &[(f64, String)]| of.iter().map(|(_, vector)| vector.clone()).collect::<Vec<_>>();
+            assert_eq!(vectors(&of_ours), vectors(&of_theirs));
+            let largest = of_ours.iter().zip(&of_theirs).map(|(a, b)| (a.0 - b.0).abs()).fold(0.0, f64::max);
+            // both end when the gradient is known to a thousandth (svm-train -e), and C is 3, or 15
+            assert!(largest < 0.01 * RBF.price * weight_of_wrong, "coefficients differ by up to {largest}");
+            for (features, _) in &samples {
+                let (a, b) = (ours.decision(features), theirs.decision(features));
+                assert!((a - b).abs() < 2e-3, "{a} instead of {b}");
+                assert!((a > 0.0) == (b > 0.0) || b.abs() < 1e-3);
+            }
+        }
+    }
+
     #[test]
     fn a_weighted_sum_is_a_machine() {
         let machine = Machine::linear(&[0.5, 0.0, -1.25], 0.1).unwrap();

@@ -131,8 +131,12 @@ const CAUTIONS: [f64; 8] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0];
 /// What a caution may cost more than the cheapest one, where it is not the same areas that will be met.
 const MARGIN: f64 = 1.05;
 
+/// What an area deserves where there is no other to learn it from: what the simulated areas, trained on one and judged on
+/// another, deserved.
+const CAUTION_OF_ONE_AREA: f64 = 5.0;
+
 /// The caution that an area deserves which was not trained on, and the mean expected cost there: the largest of those
-/// that cost hardly more than the cheapest. 1 where there is no such area.
+/// that cost hardly more than the cheapest.
 #[must_use]
 pub fn caution(transfers: &[Transfer], costs: &Costs) -> (f64, Option<f64>) {
     let cost = |caution: f64| {
@@ -141,7 +145,7 @@ pub fn caution(transfers: &[Transfer], costs: &Costs) -> (f64, Option<f64>) {
         transfers.iter().map(of_area).sum::<f64>() / transfers.len() as f64
     };
     if transfers.is_empty() {
-        return (1.0, None);
+        return (CAUTION_OF_ONE_AREA, None);
     }
     let least = CAUTIONS.into_iter().map(cost).fold(f64::INFINITY, f64::min);
     let chosen = CAUTIONS.into_iter().rfind(|caution| cost(*caution) <= MARGIN * least).unwrap_or(1.0);
@@ -366,3 +370,6 @@ fn distributions(examples: &[&Example], classifier: &Classifier) -> Vec<Option<D
     let of_feature = |k: usize| deciding.iter().map(|features| features[k]).collect::<Vec<f64>>();
     (0..classifier.features.len()).map(|k| Distribution::of(&of_feature(k))).collect()
 }
+
+#[cfg(test)]
+mod tests;

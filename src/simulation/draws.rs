@@ -18,6 +18,7 @@ pub(crate) enum Purpose {
     WildNavigation = 8,
     Strain = 9,
     Tolerance = 10,
+    Hostility = 11,
 }
 
 /// A stream of draws. A clone of it gives the same draws once more.

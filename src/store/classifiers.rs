@@ -291,3 +291,104 @@ impl Store {
         Ok(sqlx::query_as(query).bind(limit).fetch_all(&self.pool).await?)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    async fn store() -> (tempfile::TempDir, Store) {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).await.unwrap();
+        (folder, store)
+    }
+
+    async fn queued(store: &Store, name: &str) -> Uuid {
+        let id = Uuid::now_v7();
+        assert!(store.queue_classifier(id, name, "the plan").await.unwrap());
+        id
+    }
+
+    fn texts() -> ClassifierTexts {
+        ClassifierTexts { model: "model".into(), scaling: "scaling".into(), description: "description".into() }
+    }
+
+    #[tokio::test]
+    async fn trainings_are_begun_in_turn_and_again_until_they_have_ended() {
+        let (_folder, store) = store().await;
+        let (first, second) = (queued(&store, "first").await, queued(&store, "second").await);
+        let waiting = store.classifier(first).await.unwrap().unwrap();
+        assert_eq!((waiting.status, waiting.plan.as_str()), (ClassifierStatus::Queued, "the plan"));
+        assert_eq!((waiting.texts, waiting.sha256, waiting.finished_at), (None, None, None));
+        // who was interrupted begins anew
+        for _ in 0..2 {
+            let begun = store.begin_training().await.unwrap().unwrap();
+            assert_eq!((begun.id, begun.status, begun.progress), (first, ClassifierStatus::Training, 0.0));
+            store.note_training(first, 0.25).await.unwrap();
+            assert_eq!(store.classifier(first).await.unwrap().unwrap().progress, 0.25);
+        }
+        assert_eq!(store.trainings().await.unwrap(), 2);
+        store.end_training(first, Ok((&texts(), [7; 32]))).await.unwrap();
+        let ready = store.classifier(first).await.unwrap().unwrap();
+        assert_eq!((ready.status, ready.progress, ready.texts), (ClassifierStatus::Ready, 1.0, Some(texts())));
+        assert_eq!((ready.sha256, ready.error), (Some(vec![7; 32]), None));
+        assert!(ready.finished_at.is_some());
+        // what has ended is not moved by one who has not heard of it
+        store.note_training(first, 0.5).await.unwrap();
+        assert_eq!(store.classifier(first).await.unwrap().unwrap().progress, 1.0);
+        assert_eq!(store.begin_training().await.unwrap().unwrap().id, second);
+        store.end_training(second, Err("nothing to learn")).await.unwrap();
+        let failed = store.classifier(second).await.unwrap().unwrap();
+        assert_eq!((failed.status, failed.error.as_deref()), (ClassifierStatus::Failed, Some("nothing to learn")));
+        assert_eq!((failed.texts, failed.sha256), (None, None));
+        assert_eq!((store.begin_training().await.unwrap(), store.trainings().await.unwrap()), (None, 0));
+    }
+
+    #[tokio::test]
+    async fn a_name_is_given_once() {
+        let (_folder, store) = store().await;
+        let first = queued(&store, "name").await;
+        assert!(!store.queue_classifier(Uuid::now_v7(), "name", "another plan").await.unwrap());
+        assert!(!store.add_classifier(Uuid::now_v7(), "name", "another plan", &texts(), [1; 32]).await.unwrap());
+        let all = store.classifiers(None, 10).await.unwrap();
+        assert_eq!(all.iter().map(|c| (c.id, c.plan.as_str())).collect::<Vec<_>>(), [(first, "the plan")]);
+    }
+
+    #[tokio::test]
+    async fn lists_are_the_newest_first_and_leave_the_texts_out() {
+        let (_folder, store) = store().await;
+        let (added, queued_later) = (Uuid::now_v7(), Uuid::now_v7());
+        assert!(store.add_classifier(added, "added", "{}", &texts(), [1; 32]).await.unwrap());
+        assert!(store.queue_classifier(queued_later, "queued", "{}").await.unwrap());
+        let all = store.classifiers(None, 10).await.unwrap();
+        assert_eq!(all.iter().map(|c| c.id).collect::<Vec<_>>(), [queued_later, added]);
+        assert_eq!(
+            (all[1].status, &all[1].sha256, &all[1].texts),
+            (ClassifierStatus::Ready, &Some(vec![1; 32]), &None)
+        );
+        assert_eq!(store.classifier(added).await.unwrap().unwrap().texts, Some(texts()));
+        assert_eq!(store.classifiers(None, 1).await.unwrap(), all[..1]);
+        assert_eq!(store.classifiers(Some(queued_later), 10).await.unwrap(), all[1..]);
+        assert_eq!(store.classifier(Uuid::now_v7()).await.unwrap(), None);
+    }
+
+    #[tokio::test]
+    async fn activations_are_taken_back_one_by_one() {
+        let (_folder, store) = store().await;
+        assert_eq!(store.activations(5).await.unwrap(), []);
+        assert!(!store.roll_classifier_back().await.unwrap());
+        let id = Uuid::now_v7();
+        store.add_classifier(id, "name", "{}", &texts(), [1; 32]).await.unwrap();
+        for activated in [Some(id), None, Some(id)] {
+            store.activate_classifier(activated).await.unwrap();
+        }
+        let decided = async || store.activations(5).await.unwrap().iter().map(|a| a.classifier_id).collect::<Vec<_>>();
+        assert_eq!(decided().await, [Some(id), None, Some(id)]);
+        assert_eq!(store.activations(1).await.unwrap().len(), 1);
+        assert!(store.roll_classifier_back().await.unwrap());
+        assert_eq!(decided().await, [None, Some(id)]);
+        assert!(store.roll_classifier_back().await.unwrap() && store.roll_classifier_back().await.unwrap());
+        assert!(!store.roll_classifier_back().await.unwrap());
+        assert!(store.activate_classifier(Some(Uuid::now_v7())).await.is_err(), "there is no such classifier");
+        assert_eq!(decided().await, []);
+    }
+}

@@ -197,3 +197,143 @@ pub fn given_now(
 ) -> ReferenceOrientation {
     ReferenceOrientation { image_id, area, centre_geocentric_m, camera_from_geocentric, updated_at: now() }
 }
+
+#[cfg(test)]
+pub(in crate::store) mod tests {
+    use nalgebra::Vector2;
+
+    use super::*;
+    use crate::geometry::{Brown, Camera};
+    use crate::store::images::Header;
+    use crate::store::orientations::{self, Finished, NewOrientation};
+    use crate::store::sightings::Sighting;
+
+    /// A fresh data folder with a camera.
+    pub(in crate::store) struct Bench {
+        pub(in crate::store) store: Store,
+        camera_id: Uuid,
+        _folder: tempfile::TempDir,
+    }
+
+    impl Bench {
+        pub(in crate::store) async fn new() -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let store = Store::open(folder.path()).await.unwrap();
+            let camera = Camera::new([60, 40], 50.0, Vector2::new(30.0, 20.0), Brown::default()).unwrap();
+            let camera_id = Uuid::now_v7();
+            store.add_camera(camera_id, "camera", &camera).await.unwrap();
+            Self { store, camera_id, _folder: folder }
+        }
+
+        pub(in crate::store) async fn image(&self) -> Uuid {
+            let mut upload = self.store.begin_upload().unwrap();
+            let id = Uuid::now_v7();
+            upload.write(id.as_bytes()).await.unwrap();
+            let header = Header { format: "png".into(), width_px: 60, height_px: 40, position: None };
+            self.store.keep_image(id, upload.complete().await.unwrap(), &header).await.unwrap().0.id
+        }
+
+        /// An orientation that waits.
+        pub(in crate::store) async fn queued(&self, image_id: Uuid) -> Uuid {
+            let new = NewOrientation { id: Uuid::now_v7(), image_id, camera_id: self.camera_id, prepared: "{}".into() };
+            let mut transaction = self.store.begin_write().await.unwrap();
+            assert!(orientations::insert(&mut transaction, &new).await.unwrap());
+            transaction.commit().await.unwrap();
+            new.id
+        }
+
+        /// An orientation that has succeeded.
+        pub(in crate::store) async fn finished(
+            &self,
+            image_id: Uuid,
+            record: &str,
+            sightings: &[(&str, Sighting)],
+        ) -> Uuid {
+            let (id, lease) = (self.queued(image_id).await, Uuid::now_v7());
+            self.store.begin_attempt(id, lease).await.unwrap().unwrap();
+            assert!(self.store.finish(lease, id, &finished(record, sightings)).await.unwrap());
+            id
+        }
+    }
+
+    pub(in crate::store) fn finished(record: &str, sightings: &[(&str, Sighting)]) -> Finished {
+        Finished {
+            verdict: "green".into(),
+            result: "{}".into(),
+            drawing: "{}".into(),
+            record: record.into(),
+            sightings: sightings.iter().map(|(name, sighting)| ((*name).to_owned(), *sighting)).collect(),
+        }
+    }
+
+    fn reference(image_id: Uuid, area: &str, shift: f64) -> ReferenceOrientation {
+        let rotation = std::array::from_fn(|k| (k as f64 + shift) / 7.0);
+        given_now(image_id, area.to_owned(), [4e6 + shift, 6e5 / 7.0, -4.9e6], rotation)
+    }
+
+    #[tokio::test]
+    async fn a_reference_is_read_back_to_the_last_bit_and_replaced_by_another() {
+        let bench = Bench::new().await;
+        let (first, second) = (bench.image().await, bench.image().await);
+        let added = [reference(first, "west", 0.1), reference(second, "west", 0.2)];
+        let stored = bench.store.put_references(&added).await.unwrap();
+        assert_eq!(stored, StoredReferences { added: 2, updated: 0 });
+        let [a, b] = added;
+        assert_eq!(bench.store.references(None, 10).await.unwrap(), [b.clone(), a]);
+        let again = [reference(first, "east", 0.3), reference(bench.image().await, "east", 0.4)];
+        let stored = bench.store.put_references(&again).await.unwrap();
+        assert_eq!(stored, StoredReferences { added: 1, updated: 1 });
+        let [a, c] = again;
+        assert_eq!(bench.store.references(None, 10).await.unwrap(), [c.clone(), b.clone(), a.clone()]);
+        // page by page
+        assert_eq!(bench.store.references(None, 1).await.unwrap(), std::slice::from_ref(&c));
+        assert_eq!(bench.store.references(Some(c.image_id), 1).await.unwrap(), std::slice::from_ref(&b));
+        assert_eq!(bench.store.references(Some(b.image_id), 5).await.unwrap(), [a]);
+        assert!(bench.store.remove_reference(second).await.unwrap());
+        assert!(!bench.store.remove_reference(second).await.unwrap());
+        assert_eq!(bench.store.references(None, 10).await.unwrap().len(), 2);
+    }
+
+    #[tokio::test]
+    async fn of_references_with_an_unknown_image_none_is_stored() {
+        let bench = Bench::new().await;
+        let given = [reference(bench.image().await, "west", 0.1), reference(Uuid::now_v7(), "west", 0.2)];
+        assert!(bench.store.put_references(&given).await.is_err());
+        assert_eq!(bench.store.references(None, 10).await.unwrap(), []);
+    }
+
+    #[tokio::test]
+    async fn a_rotation_that_is_none_is_not_taken_for_one() {
+        let bench = Bench::new().await;
+        let image = bench.image().await;
+        bench.store.put_references(&[reference(image, "west", 0.1)]).await.unwrap();
+        let damage = "PRAGMA ignore_check_constraints = ON; UPDATE reference_orientations SET rotation = x'00'";
+        sqlx::raw_sql(damage).execute(bench.store.pool()).await.unwrap();
+        let error = bench.store.references(None, 10).await.unwrap_err().to_string();
+        assert!(error.contains("rotation of a reference") && error.contains(&image.to_string()), "{error}");
+    }
+
+    #[tokio::test]
+    async fn records_are_found_with_their_references_in_the_order_of_the_orientations() {
+        let bench = Bench::new().await;
+        let (known, unknown) = (bench.image().await, bench.image().await);
+        bench.store.put_references(&[reference(known, "west", 0.1)]).await.unwrap();
+        let first = bench.finished(known, "1", &[]).await;
+        bench.finished(unknown, "2", &[]).await;
+        bench.queued(known).await;
+        let second = bench.finished(known, "3", &[]).await;
+        let found = bench.store.referenced_records(Uuid::nil(), 10).await.unwrap();
+        let told: Vec<(Uuid, &str)> = found.iter().map(|row| (row.orientation_id, row.record.as_str())).collect();
+        assert_eq!(told, [(first, "1"), (second, "3")]);
+        for row in &found {
+            assert_eq!((row.camera_id, row.prepared.as_str()), (bench.camera_id, "{}"));
+            assert_eq!((row.reference.image_id, row.reference.area.as_str()), (known, "west"));
+            assert_eq!(row.reference.camera_from_geocentric, reference(known, "west", 0.1).camera_from_geocentric);
+        }
+        assert_eq!(bench.store.referenced_records(Uuid::nil(), 1).await.unwrap(), found[..1]);
+        assert_eq!(bench.store.referenced_records(first, 10).await.unwrap(), found[1..]);
+        assert_eq!(bench.store.referenced_records(second, 10).await.unwrap(), []);
+        assert_eq!(bench.store.latest_records(2).await.unwrap(), ["3", "2"]);
+        assert_eq!(bench.store.latest_records(9).await.unwrap(), ["3", "2", "1"]);
+    }
+}

@@ -94,3 +94,62 @@ impl Store {
         Ok(sqlx::query_scalar(query).fetch_one(&self.pool).await?)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::references::tests::{Bench, finished};
+
+    async fn counts(bench: &Bench, control_point: &str) -> [u32; 3] {
+        let SightingCounts { found, missed, contradicts, .. } = bench.store.sightings(control_point).await.unwrap();
+        [found, missed, contradicts]
+    }
+
+    #[tokio::test]
+    async fn sightings_are_counted_by_what_became_of_them() {
+        let bench = Bench::new().await;
+        for (church, barn) in [
+            (Sighting::Found, Sighting::Missed),
+            (Sighting::Found, Sighting::Missed),
+            (Sighting::Contradicts, Sighting::Missed),
+            (Sighting::Found, Sighting::Found),
+        ] {
+            bench.finished(bench.image().await, "{}", &[("church", church), ("barn", barn)]).await;
+        }
+        assert_eq!(counts(&bench, "church").await, [3, 0, 1]);
+        assert_eq!(counts(&bench, "barn").await, [1, 3, 0]);
+        let unknown = bench.store.sightings("mill").await.unwrap();
+        let nothing = SightingCounts { found: 0, missed: 0, contradicts: 0, last_found_at: None, last_failed_at: None };
+        assert_eq!(unknown, nothing);
+        assert_eq!(bench.store.found_share().await.unwrap(), Some(0.5));
+    }
+
+    #[tokio::test]
+    async fn of_several_orientations_of_an_image_the_last_counts() {
+        let bench = Bench::new().await;
+        let image = bench.image().await;
+        let first = bench.finished(image, "{}", &[("church", Sighting::Missed), ("barn", Sighting::Found)]).await;
+        let other = bench.finished(bench.image().await, "{}", &[("church", Sighting::Missed)]).await;
+        let last = bench.finished(image, "{}", &[("church", Sighting::Found)]).await;
+        assert_eq!(counts(&bench, "church").await, [1, 1, 0]);
+        assert_eq!(counts(&bench, "barn").await, [1, 0, 0]);
+        let finished_at = async |id| bench.store.orientation(id).await.unwrap().unwrap().finished_at;
+        let church = bench.store.sightings("church").await.unwrap();
+        assert_eq!((church.last_found_at, church.last_failed_at), (finished_at(last).await, finished_at(other).await));
+        let barn = bench.store.sightings("barn").await.unwrap();
+        assert_eq!((barn.last_found_at, barn.last_failed_at), (finished_at(first).await, None));
+    }
+
+    #[tokio::test]
+    async fn who_comes_too_late_has_seen_nothing() {
+        let bench = Bench::new().await;
+        let (id, lease) = (bench.queued(bench.image().await).await, Uuid::now_v7());
+        bench.store.begin_attempt(id, lease).await.unwrap().unwrap();
+        let late = finished("{}", &[("church", Sighting::Found)]);
+        assert!(!bench.store.finish(Uuid::now_v7(), id, &late).await.unwrap());
+        assert_eq!(counts(&bench, "church").await, [0, 0, 0]);
+        assert_eq!(bench.store.found_share().await.unwrap(), None);
+        assert!(bench.store.finish(lease, id, &late).await.unwrap());
+        assert_eq!(counts(&bench, "church").await, [1, 0, 0]);
+    }
+}

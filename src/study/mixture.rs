@@ -11,8 +11,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::hostile;
 use crate::simulation::{
-    CameraSettings, ControlSettings, Draws, FlightSettings, PhotographSettings, Purpose, SceneSettings, TownSettings,
+    CameraSettings, ControlSettings, Draws, FlightSettings, PhotographSettings, Purpose, Scene, SceneSettings,
+    SimulationError, TownSettings,
 };
 
 /// Goes up with every change of a distribution: rows of different versions do not belong in one table.
@@ -28,6 +30,8 @@ pub enum Mixture {
     Poor,
     /// Like neither: everything that may be asked of a classifier, from the best to the hopeless. For training.
     Wide,
+    /// Control that invites a wrong answer ([`Hostility`](super::Hostility)): nothing wrong may be accepted.
+    Hostile,
 }
 
 /// Columns and rows. The segments of 1600 x 1200 pixels at full resolution are about as many as those of the
@@ -197,6 +201,7 @@ impl Mixture {
             Self::Good => "good",
             Self::Poor => "poor",
             Self::Wide => "wide",
+            Self::Hostile => "hostile",
         }
     }
 
@@ -205,22 +210,36 @@ impl Mixture {
     #[must_use]
     pub fn tolerance_gsd(self, seed: u64) -> f64 {
         match self {
-            Self::Good | Self::Poor => 10.0,
+            Self::Good | Self::Poor | Self::Hostile => 10.0,
             Self::Wide => libm::exp(Draws::new(seed, Purpose::Tolerance).between(libm::log(2.5), libm::log(12.0))),
         }
     }
 
     fn distributions(self) -> &'static Distributions {
         match self {
-            Self::Good => &GOOD,
+            Self::Good | Self::Hostile => &GOOD,
             Self::Poor => &POOR,
             Self::Wide => &WIDE,
+        }
+    }
+
+    /// The scene of a seed.
+    ///
+    /// # Errors
+    /// [`SimulationError`] if a setting makes no sense.
+    pub fn scene(self, seed: u64) -> Result<Scene, SimulationError> {
+        match self {
+            Self::Hostile => hostile::scene(seed),
+            Self::Good | Self::Poor | Self::Wide => Scene::draw(seed, &self.settings(seed)),
         }
     }
 
     /// The settings of the image with a seed.
     #[must_use]
     pub fn settings(self, seed: u64) -> SceneSettings {
+        if self == Self::Hostile {
+            return hostile::settings(seed);
+        }
         let d = self.distributions();
         let draws = &mut Draws::new(seed, Purpose::Mixture);
         let mut within = |[low, high]: [f64; 2]| draws.between(low, high);
@@ -303,7 +322,6 @@ const STREET_ROWS: u32 = 5;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulation::Scene;
 
     /// Least, mean and largest of a value over many seeds.
     fn drawn(mixture: Mixture, value: impl Fn(&SceneSettings) -> f64) -> [f64; 3] {

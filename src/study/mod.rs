@@ -5,6 +5,7 @@
 //! beside it. [`table::table`] counts rows, [`plot::plot`] draws predicted against true errors. Whether a mixture is
 //! like real photographs, [`likeness::measure`] tells: it takes the same statistics of both.
 
+mod hostile;
 pub mod likeness;
 pub mod mixture;
 pub mod paper;
@@ -14,6 +15,7 @@ pub mod table;
 
 use std::sync::Arc;
 
+pub use hostile::Hostility;
 pub use mixture::Mixture;
 pub use row::{Fate, Light, Row};
 

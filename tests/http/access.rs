@@ -12,7 +12,9 @@ async fn public_service() -> Service {
 }
 
 fn filled(path: &str) -> String {
-    path.replace("{id}", "01a20225-f91a-7133-9892-18bd6449110e").replace("{*rest}", "index.html")
+    let id = "01a20225-f91a-7133-9892-18bd6449110e";
+    let filled = path.replace("{id}", id).replace("{image}", id).replace("{name}", "a").replace("{file}", "model.svm");
+    filled.replace("{*rest}", "index.html")
 }
 
 #[tokio::test]

@@ -73,7 +73,9 @@ async fn documented_routes_are_there_and_the_document_is_served() {
     let document = of_the_program();
     assert_eq!(service.get("/api/v1/openapi.json").await.json(), document);
     for (method, path, _) in operations(&document) {
-        let path = path.replace("{id}", "01a20225-f91a-7133-9892-18bd6449110e");
+        let id = "01a20225-f91a-7133-9892-18bd6449110e";
+        let path =
+            path.replace("{id}", id).replace("{image}", id).replace("{name}", "a").replace("{file}", "model.svm");
         let method = Method::from_bytes(method.as_bytes()).unwrap();
         let answer = service.send(crate::support::request(&method, &path, None)).await;
         let text = String::from_utf8_lossy(&answer.body).into_owned();

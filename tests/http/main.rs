@@ -10,9 +10,12 @@ mod contract;
 mod control_points;
 mod crash;
 mod database;
+mod diagnosis;
 mod idempotency;
 mod images;
 mod kill;
+#[path = "../shared/labelled.rs"]
+mod labelled;
 mod orientations;
 mod sockets;
 mod support;

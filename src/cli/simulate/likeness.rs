@@ -6,7 +6,6 @@ use std::path::Path;
 use anyhow::Context as _;
 use gable::imagery::{ImageFile, Limits};
 use gable::orientation::ControlPoint;
-use gable::simulation::Scene;
 use gable::study::Mixture;
 use gable::study::likeness::{Known, Likeness, measure, side_by_side};
 use rayon::prelude::*;
@@ -28,7 +27,7 @@ fn merged(images: Vec<Likeness>) -> Likeness {
 }
 
 fn of_scene(mixture: Mixture, seed: u64) -> anyhow::Result<Likeness> {
-    let scene = Scene::draw(seed, &mixture.settings(seed))?;
+    let scene = mixture.scene(seed)?;
     // control and images of the benchmark are of the same flights: none of it is outdated
     let sound: Vec<ControlPoint> =
         scene.control.iter().filter(|c| c.fault.is_none()).map(|c| c.control_point.clone()).collect();

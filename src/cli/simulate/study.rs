@@ -9,7 +9,6 @@ use anyhow::{Context as _, bail};
 use gable::features::{GreyWindow, Picture, PictureError, PixelRect};
 use gable::jobs::active::shipped_classifier;
 use gable::learning::Classifier;
-use gable::simulation::Scene;
 use gable::study::{self, Mixture, Row, paper, plot, table};
 use indicatif::{ProgressBar, ProgressStyle};
 use rustix::time::{ClockId, clock_gettime};
@@ -79,7 +78,7 @@ fn in_parallel(seeds: &[u64], work: impl Fn(u64) -> anyhow::Result<()> + Sync) -
 /// One image, with the times it took.
 fn examined(mixture: Mixture, seed: u64, classifier: &Arc<Classifier>) -> anyhow::Result<Examined> {
     let begin = thread_seconds();
-    let scene = Scene::draw(seed, &mixture.settings(seed))?;
+    let scene = mixture.scene(seed)?;
     let photograph = scene.picture();
     let picture = Timed { picture: &photograph, nanoseconds: AtomicU64::new(0) };
     let drawn = thread_seconds();

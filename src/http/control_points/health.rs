@@ -67,11 +67,11 @@ pub(super) async fn health(
     }
     let counts = state.store.sightings(&name).await?;
     let usually_found = state.store.found_share().await?.unwrap_or(USUALLY_FOUND);
-    Ok(axum::Json(judged(name, counts, usually_found)))
+    Ok(axum::Json(judged(name, &counts, usually_found)))
 }
 
-fn judged(name: String, counts: SightingCounts, usually_found: f64) -> HealthAnswer {
-    let SightingCounts { found, missed, contradicts, last_found_at, last_failed_at } = counts;
+fn judged(name: String, counts: &SightingCounts, usually_found: f64) -> HealthAnswer {
+    let SightingCounts { found, missed, contradicts, last_found_at, last_failed_at } = *counts;
     let (seen_in, failures) = (found + missed + contradicts, missed + contradicts);
     // if nothing was ever found, or everything, nothing could be told
     let usually_found = usually_found.clamp(0.05, 0.95);
@@ -126,14 +126,14 @@ mod tests {
     #[test]
     fn what_fails_more_often_than_chance_explains_is_outdated() {
         let outdated =
-            |found, missed, contradicts| judged("a".into(), counts(found, missed, contradicts), 0.7).outdated;
+            |found, missed, contradicts| judged("a".into(), &counts(found, missed, contradicts), 0.7).outdated;
         // 0.3^3 is 2.7 %, 0.3^4 is 0.8 %
         assert!(!outdated(0, 3, 0));
         assert!(outdated(0, 4, 0));
         assert!(outdated(1, 4, 3));
         assert!(!outdated(7, 3, 0));
         assert!(!outdated(0, 0, 0));
-        assert!(judged("a".into(), counts(0, 0, 0), 0.7).detail.starts_with("no accepted image"));
+        assert!(judged("a".into(), &counts(0, 0, 0), 0.7).detail.starts_with("no accepted image"));
     }
 
     #[test]
