@@ -117,7 +117,7 @@ fn an_approximation_that_errs_more_than_it_says_is_searched_again_and_contradict
     let d_max = d_max_gsd(&scene, &outcome);
     assert!(d_max < TOLERANCE_GSD, "{d_max} GSD");
     assert!(outcome.cost.unwrap().widened);
-    assert_eq!(outcome.diagnosis.reasons[0].code, "contradicts_approximation");
+    assert!(outcome.diagnosis.reasons.iter().any(|reason| reason.code == "contradicts_approximation"));
     assert_ne!(outcome.diagnosis.verdict, Verdict::Green);
 }
 

@@ -46,20 +46,26 @@ pub struct Training<'a> {
 }
 
 /// Trains all kinds, compares them on areas that they were not trained on, and gives the texts of the one with the least
-/// expected cost. `progress` hears how much is done, and ends the training by answering no.
+/// expected cost. `progress` hears how much is done, and ends the training by answering no. A kind that the images teach
+/// nothing, as trials do where none were kept, is left out as long as another one learns.
 ///
 /// # Errors
 /// [`ClassifierError`] if there is nothing to learn.
 pub fn trained(training: &Training, progress: &dyn Fn(f64) -> bool) -> Result<Texts, ClassifierError> {
     let mut all: Vec<(Trained, Comparison, Plan)> = Vec::new();
+    let mut failed = ClassifierError::NoKind;
     let count = training.kinds.len() as f64;
     for (k, kind) in training.kinds.iter().enumerate() {
         let of_kind = of_kind(training, *kind, &|done| progress((k as f64 + done) / count));
-        all.push(of_kind.map_err(|source| ClassifierError::Training { kind: kind.name(), source })?);
+        match of_kind.map_err(|source| ClassifierError::Training { kind: kind.name(), source }) {
+            Ok(trained) => all.push(trained),
+            Err(stopped @ ClassifierError::Training { source: SvmError::Stopped, .. }) => return Err(stopped),
+            Err(error) => failed = error,
+        }
     }
     let compared: Vec<Comparison> = all.iter().map(|(_, comparison, _)| comparison.clone()).collect();
     let best = all.into_iter().min_by(|a, b| a.1.deciding_cost().total_cmp(&b.1.deciding_cost()));
-    let (trained, _, plan) = best.ok_or(ClassifierError::NoKind)?;
+    let Some((trained, _, plan)) = best else { return Err(failed) };
     let description = description(training, &trained, &plan, compared);
     Texts::of(&trained.classifier, &description)
 }
@@ -297,5 +303,19 @@ pub(crate) mod tests {
             assert!(error.contains(kind.name()) && error.contains(said), "{error}");
         }
         assert!(matches!(of_areas(&two_areas(), &nothing, &[]), Err(ClassifierError::NoKind)));
+    }
+
+    #[test]
+    fn kinds_and_areas_that_teach_nothing_hinder_no_other() {
+        let nothing = TrainingSet::default();
+        let mut set = two_areas();
+        set.images.iter_mut().for_each(|image| image.trials.clear());
+        // without the south only right ones are left
+        set.images.retain(|image| image.area == "south" || image.right());
+        let description =
+            of_areas(&set, &nothing, &[Kind::Paper, Kind::EvidenceLogistic]).unwrap().load().unwrap().description;
+        let [only] = description.provenance.compared.as_slice() else { panic!("{description:?}") };
+        let areas: Vec<&str> = only.areas_not_trained_on.iter().map(|area| area.area.as_str()).collect();
+        assert_eq!((only.kind.as_str(), areas), ("evidence_logistic", vec!["north"]));
     }
 }

@@ -36,7 +36,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
 #[serde(deny_unknown_fields)]
 struct ReferencesRequest {
     /// One for each image; a bad one never loses the others.
-    #[schema(max_items = 10_000)]
+    #[schema(max_items = 10_000, value_type = Vec<ReferenceRequest>)]
     references: Vec<serde_json::Value>,
 }
 
@@ -54,7 +54,7 @@ struct ReferenceRequest {
     rotation: RotationRequest,
 }
 
-/// A rotation: the matrix, or the three angles.
+/// A rotation: the matrix, or the three angles, or both, as in a result.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct RotationRequest {
@@ -64,7 +64,7 @@ struct RotationRequest {
     /// Rows of R: object space to the camera frame (x right, y up, z backwards).
     #[schema(value_type = Option<Vec<Vec<f64>>>)]
     rotation_matrix: Option<[[f64; 3]; 3]>,
-    /// With `phi_deg` and `kappa_deg` instead: R = (R_x(omega) R_y(phi) R_z(kappa))^T.
+    /// With `phi_deg` and `kappa_deg`: R = (R_x(omega) R_y(phi) R_z(kappa))^T.
     omega_deg: Option<f64>,
     /// Angle about the y axis.
     phi_deg: Option<f64>,
@@ -176,15 +176,25 @@ fn checked(given: serde_json::Value) -> Result<ReferenceOrientation, Fault> {
 
 impl RotationRequest {
     fn camera_from_frame(&self) -> Result<Rotation3<f64>, Fault> {
-        match (self.rotation_matrix, self.omega_deg, self.phi_deg, self.kappa_deg) {
-            (Some(rows), None, None, None) => rotation_of(&rows),
-            (None, Some(omega), Some(phi), Some(kappa)) => {
+        let of_matrix = self.rotation_matrix.as_ref().map(rotation_of).transpose()?;
+        let of_angles = match (self.omega_deg, self.phi_deg, self.kappa_deg) {
+            (None, None, None) => None,
+            (Some(omega), Some(phi), Some(kappa)) => {
                 if ![omega, phi, kappa].iter().all(|angle| angle.abs() <= 360.0) {
                     return Err(("/rotation", "the angles must be from -360 to 360 degrees".to_owned()));
                 }
-                Ok(rotation::camera_from_object(omega.to_radians(), phi.to_radians(), kappa.to_radians()))
+                Some(rotation::camera_from_object(omega.to_radians(), phi.to_radians(), kappa.to_radians()))
             }
-            _ => Err(("/rotation", "give either rotation_matrix, or omega_deg, phi_deg and kappa_deg".to_owned())),
+            _ => return Err(("/rotation", "omega_deg, phi_deg and kappa_deg belong together".to_owned())),
+        };
+        match (of_matrix, of_angles) {
+            (Some(matrix), Some(angles)) if matrix.angle_to(&angles) > LARGEST_DEFECT => {
+                Err(("/rotation", "rotation_matrix and the angles contradict each other".to_owned()))
+            }
+            (Some(rotation), _) | (None, Some(rotation)) => Ok(rotation),
+            (None, None) => {
+                Err(("/rotation", "it needs rotation_matrix, or omega_deg, phi_deg and kappa_deg".to_owned()))
+            }
         }
     }
 }

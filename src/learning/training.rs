@@ -212,10 +212,11 @@ pub fn train(examples: &[Example], plan: &Plan, progress: &dyn Fn(f64) -> bool) 
     })
 }
 
-/// For each area what a classifier says of it that was trained on all others. Empty where there is only one.
+/// For each area what a classifier says of it that was trained on all others. Empty where there is only one; an area is
+/// left out if the others alone teach nothing.
 ///
 /// # Errors
-/// [`SvmError`] if nothing can be learned without one of the areas.
+/// [`SvmError::Stopped`] if `progress` said so.
 pub fn transfers(examples: &[Example], plan: &Plan, progress: &dyn Fn(f64) -> bool) -> Result<Vec<Transfer>, SvmError> {
     let by_area = by_area(examples);
     if by_area.len() < 2 {
@@ -226,10 +227,13 @@ pub fn transfers(examples: &[Example], plan: &Plan, progress: &dyn Fn(f64) -> bo
     let count = by_area.len() as f64;
     let of_area = |(k, (area, inside)): (usize, (&&str, &Vec<&Example>))| {
         let others: Vec<Example> = examples.iter().filter(|example| example.area != **area).cloned().collect();
-        let trained = train(&others, plan, &|done| progress((k as f64 + done) / count))?;
-        Ok(transfer(&trained.classifier, area, inside))
+        match train(&others, plan, &|done| progress((k as f64 + done) / count)) {
+            Ok(trained) => Some(Ok(transfer(&trained.classifier, area, inside))),
+            Err(SvmError::Stopped) => Some(Err(SvmError::Stopped)),
+            Err(_) => None,
+        }
     };
-    by_area.iter().enumerate().map(of_area).collect()
+    by_area.iter().enumerate().filter_map(of_area).collect()
 }
 
 /// The examples of each area.

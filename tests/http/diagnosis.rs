@@ -86,10 +86,12 @@ async fn a_bad_reference_is_named_and_loses_no_other() {
     let image = service.upload("image/png", png(2)).await.json()["id"].as_str().unwrap().to_owned();
     let mut mirrored = reference(&image);
     mirrored["rotation"] = json!({"rotation_matrix": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]});
+    let mut torn = reference(&image);
+    torn["rotation"]["rotation_matrix"] = json!([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
     let mut nowhere = reference(&image);
     nowhere["projection_centre"]["crs"] = "EPSG:1".into();
     let unknown = reference("01a20225-f91a-7133-9892-18bd6449110e");
-    let all = json!({"references": [mirrored, nowhere, reference(&image), unknown, "text"]});
+    let all = json!({"references": [mirrored, nowhere, reference(&image), unknown, "text", torn]});
     let answer = service.post(REFERENCES, &all).await.json();
     assert_eq!(answer["stored"], 1);
     let rejected: Vec<(u64, &str)> = answer["rejected"]
@@ -98,7 +100,10 @@ async fn a_bad_reference_is_named_and_loses_no_other() {
         .iter()
         .map(|r| (r["index"].as_u64().unwrap(), r["pointer"].as_str().unwrap()))
         .collect();
-    assert_eq!(rejected, [(0, "/rotation/rotation_matrix"), (1, "/projection_centre"), (3, "/image"), (4, "")]);
+    assert_eq!(
+        rejected,
+        [(0, "/rotation/rotation_matrix"), (1, "/projection_centre"), (3, "/image"), (4, ""), (5, "/rotation")]
+    );
     service.post(REFERENCES, &json!({"references": vec![json!({}); 10_001]})).await.problem(422);
     service.post(REFERENCES, &json!([reference(&image)])).await.problem(422);
 }
