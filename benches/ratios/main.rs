@@ -8,6 +8,7 @@
 #![allow(clippy::print_stdout, reason = "a bench prints")]
 #![allow(unreachable_pub, reason = "a program of its own: nothing of it can be reached")]
 
+mod classifier;
 mod clustering;
 mod dataset;
 mod measure;
@@ -35,6 +36,7 @@ const BENCHES: &[(&str, Bench)] = &[
     ("F7", resection::bench_lines),
     ("F8", resection::bench_subsets),
     ("F9", pipeline::bench),
+    ("F11", classifier::bench),
 ];
 
 fn main() -> Result<()> {
