@@ -36,9 +36,9 @@ bench *rows:
 # train the classifier that is shipped, from simulated images alone (some hours; goes on where it was stopped)
 train-shipped:
     cargo build --release
-    target/release/gable simulate --mixture poor --seed 100001 --images 2500 --out target/study-poor
-    target/release/gable simulate --mixture good --seed 100001 --images 2500 --out target/study-good
-    target/release/gable simulate --mixture wide --seed 100001 --images 500 --out target/study-wide
+    target/release/gable simulate --mixture poor --seed 100001 --images 2000 --out target/study-poor
+    target/release/gable simulate --mixture good --seed 100001 --images 2000 --out target/study-good
+    target/release/gable simulate --mixture wide --seed 100001 --images 300 --out target/study-wide
     target/release/gable train target/study-good target/study-poor --not-trained-on target/study-wide --out src/classifiers/shipped
 
 # try to get a wrong orientation accepted

@@ -93,6 +93,8 @@ pub struct Configuration {
     /// By how many times the odds of being wrong may be larger than the classifier says; 0: what it has shown in areas
     /// that it was not trained on.
     pub caution: f64,
+    /// Green where the score exceeds it, T_d; if it is not given, it follows from costs and caution.
+    pub threshold: Option<f64>,
     /// Classifiers that may wait to be trained; further ones get 503.
     pub training_max_jobs: u32,
     /// The largest labelled set that may be uploaded to train from.
@@ -131,6 +133,7 @@ impl Default for Configuration {
             cost_wc: 5.0,
             cost_ww: 10.0,
             caution: 0.0,
+            threshold: None,
             training_max_jobs: 10,
             training_max_bytes: 200_000_000,
         }
@@ -216,7 +219,11 @@ impl Configuration {
         };
         let setting = |(name, about): (String, RefOr<Schema>)| {
             let default = &defaults[&name];
-            let default = default.as_str().map_or_else(|| default.to_string(), str::to_owned);
+            let default = match default {
+                serde_json::Value::String(text) => text.clone(),
+                serde_json::Value::Null => "(not given)".to_owned(),
+                other => other.to_string(),
+            };
             let about = match about {
                 RefOr::T(Schema::Object(about)) => about.description.unwrap_or_default(),
                 _ => String::new(),
@@ -307,7 +314,7 @@ impl Configuration {
     #[must_use]
     pub fn policy(&self) -> Policy {
         let costs = Costs { cc: self.cost_cc, cw: self.cost_cw, wc: self.cost_wc, ww: self.cost_ww };
-        Policy { costs, caution: (self.caution >= 1.0).then_some(self.caution), threshold: None }
+        Policy { costs, caution: (self.caution >= 1.0).then_some(self.caution), threshold: self.threshold }
     }
 
     fn check_costs(&self) -> Result<(), ConfigurationError> {
@@ -326,6 +333,10 @@ impl Configuration {
             let value = self.cost_cw.to_string();
             let wanted = "more than cost_ww, or accepting what is wrong would pay";
             return Err(ConfigurationError::OutOfRange { key: "cost_cw", value, wanted });
+        }
+        if let Some(threshold) = self.threshold.filter(|threshold| !(-1e6..=1e6).contains(threshold)) {
+            let value = threshold.to_string();
+            return Err(ConfigurationError::OutOfRange { key: "threshold", value, wanted: "from -1e6 to 1e6" });
         }
         if self.caution != 0.0 && !(1.0..=1e6).contains(&self.caution) {
             let value = self.caution.to_string();

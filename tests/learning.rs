@@ -226,7 +226,7 @@ fn what_cannot_be_used_is_named_and_leaves_nothing() {
     assert!(told.contains("evidence_svm") && told.contains("0 are wrong"), "{told}");
     assert!(train("empty.jsonl").contains("no labelled images"));
     assert!(evaluate(&["empty.jsonl"]).contains("empty.jsonl has no images"));
-    assert!(evaluate(&["north.jsonl", "--caution", "0.5"]).contains("--caution must be at least 1"));
+    assert!(evaluate(&["north.jsonl", "--caution", "0.5"]).contains("--caution must be from 1 to 1e6"));
     assert!(evaluate(&["north.jsonl", "--data", "nowhere"]).contains("no data folder nowhere"));
     assert!(evaluate(&["north.jsonl", "--classifier", "out"]).contains("cannot read out/model.svm"));
     assert!(!folder.path().join("out").exists());

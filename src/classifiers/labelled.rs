@@ -117,7 +117,13 @@ pub struct LabelledImage {
 /// An orientation with points: N, E, log sigma0, log lambda_max, and D_max against the reference in metres (1e9 where
 /// it does not see the ground).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct TrialRow(pub u32, pub u32, pub f64, pub f64, #[serde(deserialize_with = "length")] pub f64);
+pub struct TrialRow(
+    pub u32,
+    pub u32,
+    #[serde(deserialize_with = "logarithm")] pub f64,
+    #[serde(deserialize_with = "logarithm")] pub f64,
+    #[serde(deserialize_with = "length")] pub f64,
+);
 
 /// In metres: a D_max that is infinite.
 const BEYOND_M: f64 = 1e9;
@@ -152,6 +158,15 @@ fn rounded(value: f64) -> f64 {
 fn length<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let metres = f64::deserialize(deserializer)?;
     if metres < 0.0 { Err(D::Error::custom(format!("{metres} m is negative"))) } else { Ok(metres) }
+}
+
+/// No ratio that means anything has a larger one.
+const LARGEST_LOGARITHM: f64 = 1e3;
+
+fn logarithm<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let value = f64::deserialize(deserializer)?;
+    let sensible = value.abs() <= LARGEST_LOGARITHM;
+    if sensible { Ok(value) } else { Err(D::Error::custom(format!("{value:e} is no logarithm of a ratio"))) }
 }
 
 fn length_if_any<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
@@ -272,6 +287,7 @@ pub(crate) mod tests {
             ("0.5", "NaN", "0.1,1.2,0.3"),
             ("0.5", "1e999", "0.1,1.2,0.3"),
             ("0.5", "0.1", "null,1.2,0.3"),
+            ("0.5", "0.1", "0.1,1e200,0.3"),
             ("0.5", "0.1", "0.1,1.2"),
             ("0.5", "\"0.1\"", "0.1,1.2,0.3"),
         ] {

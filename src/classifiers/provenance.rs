@@ -37,6 +37,19 @@ pub struct Provenance {
     pub costs: [f64; 4],
     /// How all kinds that were trained did, this one among them.
     pub compared: Vec<Comparison>,
+    /// Kinds that were wanted and could not be trained.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_trained: Vec<NotTrained>,
+}
+
+/// A kind of classifier that could not be trained.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NotTrained {
+    /// The kind.
+    pub kind: String,
+    /// Why.
+    pub reason: String,
 }
 
 /// A labelled set.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::evaluation::Scored;
-use super::provenance::{AreaNotTrainedOn, Comparison, LabelledSet};
+use super::provenance::{AreaNotTrainedOn, Comparison, LabelledSet, NotTrained};
 use super::texts::{ClassifierError, Description};
 use super::{Evaluation, LabelledImage, Provenance, Texts, evidence_of, feature_names, samples_of};
 use crate::diagnosis::Evidence;
@@ -53,21 +53,30 @@ pub struct Training<'a> {
 /// [`ClassifierError`] if there is nothing to learn.
 pub fn trained(training: &Training, progress: &dyn Fn(f64) -> bool) -> Result<Texts, ClassifierError> {
     let mut all: Vec<(Trained, Comparison, Plan)> = Vec::new();
-    let mut failed = ClassifierError::NoKind;
+    let mut failed = Vec::new();
     let count = training.kinds.len() as f64;
     for (k, kind) in training.kinds.iter().enumerate() {
         let of_kind = of_kind(training, *kind, &|done| progress((k as f64 + done) / count));
-        match of_kind.map_err(|source| ClassifierError::Training { kind: kind.name(), source }) {
+        match of_kind {
             Ok(trained) => all.push(trained),
-            Err(stopped @ ClassifierError::Training { source: SvmError::Stopped, .. }) => return Err(stopped),
-            Err(error) => failed = error,
+            Err(source @ SvmError::Stopped) => return Err(ClassifierError::Training { kind: kind.name(), source }),
+            Err(source) => failed.push((kind.name(), source)),
         }
     }
+    let not_trained =
+        failed.iter().map(|(kind, error)| NotTrained { kind: (*kind).to_owned(), reason: error.to_string() });
+    let not_trained = not_trained.collect();
     let compared: Vec<Comparison> = all.iter().map(|(_, comparison, _)| comparison.clone()).collect();
     let best = all.into_iter().min_by(|a, b| a.1.deciding_cost().total_cmp(&b.1.deciding_cost()));
-    let Some((trained, _, plan)) = best else { return Err(failed) };
-    let description = description(training, &trained, &plan, compared);
-    Texts::of(&trained.classifier, &description)
+    let Some((trained, _, plan)) = best else {
+        let last = failed.pop().map(|(kind, source)| ClassifierError::Training { kind, source });
+        return Err(last.unwrap_or(ClassifierError::NoKind));
+    };
+    let description = description(training, &trained, &plan, compared, not_trained);
+    let texts = Texts::of(&trained.classifier, &description)?;
+    // what cannot be read again must not be kept
+    texts.load()?;
+    Ok(texts)
 }
 
 fn of_kind(
@@ -109,7 +118,13 @@ fn comparison(trained: &Trained, transfers: &[Transfer], costs: &Costs) -> Compa
     }
 }
 
-fn description(training: &Training, trained: &Trained, plan: &Plan, compared: Vec<Comparison>) -> Description {
+fn description(
+    training: &Training,
+    trained: &Trained,
+    plan: &Plan,
+    compared: Vec<Comparison>,
+    not_trained: Vec<NotTrained>,
+) -> Description {
     let set = training.set;
     let classifier = &trained.classifier;
     let scored = |(score, right): (f64, bool)| {
@@ -143,6 +158,7 @@ fn description(training: &Training, trained: &Trained, plan: &Plan, compared: Ve
             seed: plan.seed,
             costs: [cc, cw, wc, ww],
             compared,
+            not_trained,
         },
     }
 }
@@ -296,8 +312,8 @@ pub(crate) mod tests {
         for (set, kind, said) in [
             (&right, Kind::EvidenceSvm, "0 are wrong"),
             (&right, Kind::EvidenceLogistic, "0 are wrong"),
-            (&nothing, Kind::EvidenceLogistic, "too few"),
-            (&without_trials, Kind::Paper, "too few"),
+            (&nothing, Kind::EvidenceLogistic, "at least 5 of each"),
+            (&without_trials, Kind::Paper, "0 images with an orientation are right"),
         ] {
             let error = of_areas(set, &nothing, &[kind]).unwrap_err().to_string();
             assert!(error.contains(kind.name()) && error.contains(said), "{error}");
@@ -317,5 +333,7 @@ pub(crate) mod tests {
         let [only] = description.provenance.compared.as_slice() else { panic!("{description:?}") };
         let areas: Vec<&str> = only.areas_not_trained_on.iter().map(|area| area.area.as_str()).collect();
         assert_eq!((only.kind.as_str(), areas), ("evidence_logistic", vec!["north"]));
+        let [missing] = description.provenance.not_trained.as_slice() else { panic!("{description:?}") };
+        assert!(missing.kind == "paper" && missing.reason.contains("0 images with"), "{missing:?}");
     }
 }

@@ -6,8 +6,9 @@ use anyhow::{Context as _, anyhow, bail};
 use clap::{Args, Subcommand};
 use gable::classifiers::Texts;
 use gable::jobs::active::{ActiveClassifier, SHIPPED, stored_classifier};
+use gable::jobs::training::name_fault;
 use gable::store::Store;
-use gable::store::classifiers::{ClassifierTexts, StoredClassifier};
+use gable::store::classifiers::{ClassifierStatus, ClassifierTexts, StoredClassifier};
 use uuid::Uuid;
 
 use super::{print, sets};
@@ -117,10 +118,11 @@ impl ClassifierCommand {
 
 /// Refuses a name that no new classifier can have.
 pub(super) async fn refuse_taken(store: &Store, name: &str) -> anyhow::Result<()> {
-    if name == SHIPPED {
-        bail!("{SHIPPED} is the name of the classifier that Gable brings along; give another --name");
+    if let Some(fault) = name_fault(name) {
+        bail!("{fault}; give another --name");
     }
-    let is_taken = store.classifiers(None, MOST).await?.iter().any(|stored| stored.name == name);
+    let is_taken =
+        store.classifiers(None, MOST).await?.iter().any(|s| s.name == name && s.status != ClassifierStatus::Failed);
     if is_taken { Err(taken(name)) } else { Ok(()) }
 }
 

@@ -89,8 +89,11 @@ pub(super) fn costs(text: &str) -> Result<Costs, String> {
 
 impl Evaluate {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
-        if self.caution.is_some_and(|caution| caution.is_nan() || caution < 1.0) {
-            bail!("--caution must be at least 1");
+        if self.caution.is_some_and(|caution| !(1.0..=1e6).contains(&caution)) {
+            bail!("--caution must be from 1 to 1e6");
+        }
+        if self.threshold.is_some_and(|threshold| !threshold.is_finite()) {
+            bail!("--threshold must be a number");
         }
         let loaded = self.loaded().await?;
         tokio::task::spawn_blocking(move || self.obey(&loaded)).await?

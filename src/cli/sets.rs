@@ -3,7 +3,7 @@
 use std::io::BufRead as _;
 use std::path::Path;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use gable::classifiers::{LabelledImage, LabelledSet, Loaded, Texts, TrainingSet, texts};
 use sha2::{Digest as _, Sha256};
 
@@ -12,6 +12,9 @@ pub(super) fn read_sets(paths: &[std::path::PathBuf]) -> anyhow::Result<Training
     let mut all = TrainingSet::default();
     for path in paths {
         let (set, images) = read_set(path)?;
+        if all.sets.iter().any(|other: &LabelledSet| other.sha256 == set.sha256) {
+            bail!("{} is given twice", path.display());
+        }
         all.sets.push(set);
         all.images.extend(images);
     }

@@ -91,6 +91,9 @@ impl Train {
         let kinds = if self.kind.is_empty() { Kind::ALL.to_vec() } else { self.kind.clone() };
         let costs = self.costs.unwrap_or_default();
         let not_trained_on = sets::read_sets(&self.not_trained_on)?;
+        if let Some(both) = not_trained_on.sets.iter().find(|other| set.sets.iter().any(|s| s.sha256 == other.sha256)) {
+            bail!("{} is learned from: it cannot tell what happens on areas not trained on", both.name);
+        }
         let wanted = kinds.clone();
         let texts = tokio::task::spawn_blocking(move || train(&set, &not_trained_on, &wanted, costs)).await??;
         if let Some(folder) = &self.out {
@@ -159,6 +162,7 @@ fn summary(loaded: &Loaded, costs: Costs, folder: Option<&Path>) -> String {
         "|---|---|---|---|---|".to_owned(),
     ];
     lines.extend(provenance.compared.iter().map(compared));
+    lines.extend(provenance.not_trained.iter().map(|kind| format!("\nNot trained: {}: {}", kind.kind, kind.reason)));
     let policy = Policy { costs, ..Policy::default() };
     let confusion = description.evaluation.confusion(threshold(&loaded.classifier, &policy));
     lines.push(format!(

@@ -113,12 +113,12 @@ impl Evidence {
         ]
     }
 
-    /// The evidence of named numbers; an error names one that is missing or not finite.
+    /// The evidence of named numbers; an error names one that is missing, not finite or beyond all that is written.
     ///
     /// # Errors
     /// The name of the number.
     pub fn from_numbers(of_name: impl Fn(&str) -> Option<f64>) -> Result<Self, &'static str> {
-        let number = |name: &'static str| of_name(name).filter(|value| value.is_finite()).ok_or(name);
+        let number = |name: &'static str| of_name(name).filter(|value| value.abs() <= LARGEST).ok_or(name);
         let count = |name: &'static str| number(name).map(|value| value.max(0.0) as usize);
         Ok(Self {
             features: Features {
@@ -166,7 +166,8 @@ impl Evidence {
 pub struct Trial {
     /// What the paper's classifier sees of it.
     pub features: Features,
-    /// What it leads to.
+    /// Where the points of the trial place the camera. The paper labels a trial by what the adjustment with lines makes
+    /// of it; that is done for the best hypotheses only, so that a trial is held against a reference as it is.
     pub orientation: ExteriorOrientation,
 }
 

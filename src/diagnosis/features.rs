@@ -3,9 +3,18 @@
 
 use super::evidence::{Evidence, Trial};
 use super::verdict::Features;
+use crate::learning::Kind;
 
 /// The features of a trial, those of Förstner and Läbe (section 4), with their signs turned where less is better.
 pub const OF_TRIAL: [&str; 4] = ["points", "less_eliminated", "less_log_sigma0", "less_log_configuration"];
+
+/// What they say, for staff.
+const ABOUT_TRIAL: [&str; 4] = [
+    "number of located control points",
+    "agreement of the located control points with one another",
+    "fit of the located control points",
+    "configuration of the located control points",
+];
 
 /// The paper's simplified classifier has one (4.2).
 pub const OF_TRIAL_SIMPLIFIED: [&str; 1] = ["less_log_variance_increase"];
@@ -21,6 +30,17 @@ pub fn of_trial(features: &Features) -> Vec<f64> {
 #[must_use]
 pub fn of_trial_simplified(features: &Features) -> Vec<f64> {
     vec![-(2.0 * features.log_sigma0 + features.log_configuration)]
+}
+
+/// What a feature of a kind of classifier says, for staff: "the … is low".
+#[must_use]
+pub fn about(kind: Kind, feature: usize) -> &'static str {
+    let known = match kind {
+        Kind::Paper => ABOUT_TRIAL.get(feature).copied(),
+        Kind::OneFeature => Some("precision by the located control points"),
+        Kind::EvidenceSvm | Kind::EvidenceLogistic => OF_EVIDENCE.get(feature).map(|feature| feature.about),
+    };
+    known.unwrap_or("quality")
 }
 
 /// The features of each trial.
@@ -39,7 +59,7 @@ pub struct EvidenceFeature {
 }
 
 /// The features of the evidence.
-pub const OF_EVIDENCE: [EvidenceFeature; 21] = [
+pub const OF_EVIDENCE: [EvidenceFeature; 22] = [
     EvidenceFeature {
         name: "safety_from_chance",
         about: "probability that random errors stay within the tolerance",
@@ -89,6 +109,11 @@ pub const OF_EVIDENCE: [EvidenceFeature; 21] = [
         name: "control_points",
         about: "number of control points that took part",
         value: |e| (e.control_points as f64 + 0.5).ln(),
+    },
+    EvidenceFeature {
+        name: "redundancy",
+        about: "number of observations that check the orientation",
+        value: |e| (e.redundancy as f64 + 0.5).ln(),
     },
     EvidenceFeature {
         name: "found_share",
@@ -178,7 +203,7 @@ mod tests {
     use crate::diagnosis::thresholds::tests::sound;
 
     /// What is worse for each feature, in their order.
-    const WORSE: [fn(&mut Evidence); 21] = [
+    const WORSE: [fn(&mut Evidence); 22] = [
         |e| e.risk.by_chance *= 10.0,
         |e| e.risk.with_displacement *= 10.0,
         |e| e.risk.with_pair *= 10.0,
@@ -189,6 +214,7 @@ mod tests {
         |e| e.sensitivity.change_by_two_m *= 2.0,
         |e| e.moved_by_lines_m *= 2.0,
         |e| e.control_points -= 3,
+        |e| e.redundancy -= 40,
         |e| e.control_points_in_view += 5,
         |e| e.sensitivity.mean_test *= 2.0,
         |e| e.sensitivity.largest_test *= 2.0,
@@ -203,6 +229,13 @@ mod tests {
     ];
 
     #[test]
+    fn every_feature_can_be_named_to_staff() {
+        assert_eq!(about(Kind::Paper, 0), "number of located control points");
+        assert_eq!(about(Kind::EvidenceSvm, 9), "number of control points that took part");
+        assert!(about(Kind::OneFeature, 0).contains("precision"));
+    }
+
+    #[test]
     fn what_is_worse_is_less() {
         let before = of_evidence(&sound());
         for (k, worse) in WORSE.iter().enumerate() {
@@ -210,7 +243,7 @@ mod tests {
             worse(&mut evidence);
             let after = of_evidence(&evidence);
             assert!(after[k] < before[k], "{}", OF_EVIDENCE[k].name);
-            assert!((0..21).all(|other| after[other] <= before[other]), "{}", OF_EVIDENCE[k].name);
+            assert!((0..22).all(|other| after[other] <= before[other]), "{}", OF_EVIDENCE[k].name);
         }
     }
 

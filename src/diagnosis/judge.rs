@@ -4,7 +4,7 @@
 //! solved, or more likely wrong than right. Yellow: between, or unknown to the classifier.
 
 use super::evidence::{Evidence, Trial};
-use super::features::{OF_EVIDENCE, of_evidence, of_trial, of_trial_simplified, of_trials};
+use super::features::{about, of_evidence, of_trial, of_trial_simplified, of_trials};
 use super::thresholds::{Thresholds, failed, verified};
 use super::verdict::{Diagnosis, Reason, Verdict};
 use crate::learning::classifier::Judgement;
@@ -29,7 +29,7 @@ pub struct Witness {
     pub name: String,
     /// Whether it took part.
     pub used: bool,
-    /// How the result depends on it, if the others predict it.
+    /// How the result depends on it; `None` if the others do not predict it, or if it tells nothing.
     pub weight: Option<WitnessWeight>,
 }
 
@@ -94,8 +94,8 @@ pub fn judge(case: &Case, classifier: &Classifier, policy: &Policy) -> Diagnosis
     let threshold = threshold(classifier, policy);
     let judgement = judged(classifier, case);
     let (score, probability) = judgement.map_or((LEAST_SCORE, 0.0), |j| (j.score.max(LEAST_SCORE), j.probability));
-    let known = judgement.is_some_and(|j| j.outside.is_none());
-    let verdict = if known && is_checked(case.evidence) && score > threshold {
+    let accepted = judgement.is_some_and(|j| j.outside.is_none() && j.score > threshold);
+    let verdict = if accepted && is_checked(case.evidence) {
         Verdict::Green
     } else if judgement.is_some() && probability >= LEAST_PROBABILITY_OF_YELLOW {
         Verdict::Yellow
@@ -112,8 +112,8 @@ pub fn judge(case: &Case, classifier: &Classifier, policy: &Policy) -> Diagnosis
         threshold,
         probability_correct: probability,
         features: Some(case.evidence.features),
-        reasons: reasons(case, verdict, judgement, score, threshold),
-        probably_right: names(&|w| w.used && !contradicts(w)),
+        reasons: reasons(case, verdict, judgement, classifier.kind, threshold),
+        probably_right: names(&|w| w.used && w.weight.is_some() && !contradicts(w)),
         probably_wrong: names(&|w| w.used && contradicts(w)),
     }
 }
@@ -144,24 +144,25 @@ pub fn is_checked(evidence: &Evidence) -> bool {
 }
 
 /// Why, the most telling reason first.
-fn reasons(case: &Case, verdict: Verdict, judgement: Option<Judgement>, score: f64, threshold: f64) -> Vec<Reason> {
+fn reasons(case: &Case, verdict: Verdict, judgement: Option<Judgement>, kind: Kind, threshold: f64) -> Vec<Reason> {
     let mut reasons = Vec::new();
     if verdict == Verdict::Green {
         reasons.push(Reason { code: "verified", detail: verified(case.evidence) });
+        reasons.extend(decisive(case));
         reasons.extend(contradicting(case.witnesses));
         return reasons;
     }
-    reasons.extend(judgement.and_then(|j| j.outside).map(unknown));
+    reasons.extend(judgement.and_then(|j| j.outside).map(|outside| unknown(outside, kind)));
     reasons.extend(decisive(case));
     reasons.extend(failed(case.evidence, &Thresholds::default()));
     reasons.extend(contradicting(case.witnesses));
-    if score <= threshold {
-        reasons.push(too_low(judgement, score, threshold));
+    if judgement.is_none_or(|j| j.score <= threshold) {
+        reasons.push(too_low(judgement, threshold));
     }
     reasons
 }
 
-fn too_low(judgement: Option<Judgement>, score: f64, threshold: f64) -> Reason {
+fn too_low(judgement: Option<Judgement>, threshold: f64) -> Reason {
     let detail = match judgement {
         None => "nothing that the classifier looks at could be computed: look at the overlay before any use".to_owned(),
         Some(_) if threshold.is_infinite() => {
@@ -170,20 +171,18 @@ fn too_low(judgement: Option<Judgement>, score: f64, threshold: f64) -> Reason {
                 .to_owned()
         }
         Some(judgement) => format!(
-            "all evidence together gives a score of {score:.2}, {threshold:.2} is needed: of such orientations {:.0} % \
+            "all evidence together gives a score of {:.2}, {threshold:.2} is needed: of such orientations {:.0} % \
              are within the tolerance; look at the overlay before any use, or allow a larger tolerance",
+            judgement.score.max(LEAST_SCORE),
             100.0 * judgement.probability
         ),
     };
     Reason { code: "score_too_low", detail }
 }
 
-fn unknown(outside: Outside) -> Reason {
+fn unknown(outside: Outside, kind: Kind) -> Reason {
     let what = match outside {
-        Outside::Worse { feature } => match OF_EVIDENCE.get(feature) {
-            Some(feature) => format!("the {} is lower than in all of them", feature.about),
-            None => "one of its features is worse than in all of them".to_owned(),
-        },
+        Outside::Worse { feature } => format!("the {} is lower than in all of them", about(kind, feature)),
         Outside::Unlike { distance } => {
             format!("its features together are like none of them (squared distance {distance:.0})")
         }
@@ -197,21 +196,26 @@ fn unknown(outside: Outside) -> Reason {
 }
 
 /// Control points that carry the result alone: an error of them that nothing shows would take the ground beyond the
-/// tolerance.
+/// tolerance, or there is nothing that could show one.
 fn decisive(case: &Case) -> Option<Reason> {
     let tolerance_m = case.evidence.tolerance_m;
     let mut alone: Vec<(&Witness, f64)> = case
         .witnesses
         .iter()
-        .filter_map(|w| Some((w, w.weight?.theoretical_m)))
+        .filter(|w| w.used || w.weight.is_some())
+        .map(|w| (w, w.weight.map_or(f64::INFINITY, |weight| weight.theoretical_m)))
         .filter(|(_, theoretical_m)| *theoretical_m > tolerance_m)
         .collect();
     alone.sort_by(|a, b| b.1.total_cmp(&a.1));
     let (_, worst_m) = *alone.first()?;
+    let moves = if worst_m.is_finite() {
+        format!("moves the ground by up to {worst_m:.2} m, {tolerance_m:.2} m are acceptable")
+    } else {
+        format!("can move the ground by any distance, {tolerance_m:.2} m are acceptable")
+    };
     let detail = format!(
-        "the result rests on {} alone: an error there that no other control point would show moves the ground by up to \
-         {worst_m:.2} m, {tolerance_m:.2} m are acceptable; check in the overlay that they are where they belong, or add \
-         control near them",
+        "the result rests on {} alone: an error there that no other control point would show {moves}; check in the \
+         overlay that they are where they belong, or add control near them",
         listed(alone.iter().map(|(w, _)| w.name.as_str()))
     );
     Some(Reason { code: "control_points_decisive", detail })

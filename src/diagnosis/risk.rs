@@ -38,7 +38,10 @@ pub fn risk(reliability: &Reliability, covariance_scale: f64, ground: &[GroundPo
     let by_chance = exceeding(ground, &Vector6::zeros(), &covariance, tolerance_m);
     // the probability that groups are displaced and that this takes the ground beyond the tolerance
     let displaced = |groups: &[usize], share: f64| {
-        let sensitivity = reliability.of(groups)?;
+        let Some(sensitivity) = reliability.of(groups) else {
+            // nothing would show it
+            return reliability.informs(groups).then_some(share);
+        };
         let odds = share / (1.0 - share) * sensitivity.log_ratio_of_displacement(DISPLACED_PX).exp().min(f64::MAX);
         let probability = odds / (1.0 + odds);
         let without = covariance + sensitivity.added_covariance * covariance_scale;

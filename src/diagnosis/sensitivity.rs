@@ -25,13 +25,17 @@ pub struct GroundSensitivity<const MEMBERS: usize> {
     pub theoretical_m: f64,
 }
 
-/// The sensitivities of an orientation. Control points that the others do not predict at all are left out.
+/// The sensitivities of an orientation.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sensitivities {
     /// To single control points, in their order.
     pub single: Vec<GroundSensitivity<1>>,
     /// To pairs of them.
     pub pairs: Vec<GroundSensitivity<2>>,
+    /// Control points that take part and that the others do not predict: nothing checks them.
+    pub unchecked: Vec<[usize; 1]>,
+    /// Pairs of which that is true.
+    pub unchecked_pairs: Vec<[usize; 2]>,
 }
 
 impl Sensitivities {
@@ -39,11 +43,27 @@ impl Sensitivities {
     #[must_use]
     pub fn of(reliability: &Reliability, ground: &[GroundPoint]) -> Self {
         let count = reliability.count();
-        let on_ground = |members: [usize; 1]| on_ground(members, &reliability.of(&members)?, ground);
-        let of_pair = |members: [usize; 2]| self::on_ground(members, &reliability.of(&members)?, ground);
+        let (single, unchecked) = of_groups((0..count).map(|k| [k]), reliability, ground);
         let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| [a, b]));
-        Self { single: (0..count).filter_map(|k| on_ground([k])).collect(), pairs: pairs.filter_map(of_pair).collect() }
+        let (pairs, unchecked_pairs) = of_groups(pairs, reliability, ground);
+        Self { single, pairs, unchecked, unchecked_pairs }
     }
+}
+
+/// The sensitivities to groups, and those that nothing checks.
+fn of_groups<const MEMBERS: usize>(
+    groups: impl Iterator<Item = [usize; MEMBERS]>,
+    reliability: &Reliability,
+    ground: &[GroundPoint],
+) -> (Vec<GroundSensitivity<MEMBERS>>, Vec<[usize; MEMBERS]>) {
+    let (mut checked, mut unchecked) = (Vec::new(), Vec::new());
+    for members in groups.filter(|members| reliability.informs(members)) {
+        match reliability.of(&members).and_then(|sensitivity| on_ground(members, &sensitivity, ground)) {
+            Some(sensitivity) => checked.push(sensitivity),
+            None => unchecked.push(members),
+        }
+    }
+    (checked, unchecked)
 }
 
 fn on_ground<const MEMBERS: usize>(
@@ -85,7 +105,7 @@ mod tests {
     use super::*;
     use crate::estimation::simulated::{Draws, Linear, observed};
     use approx::assert_relative_eq;
-    use nalgebra::{Matrix2x6, Vector3};
+    use nalgebra::{Matrix2, Matrix2x6, Vector3};
 
     const COUNT: usize = 8;
 
@@ -157,10 +177,18 @@ mod tests {
     }
 
     #[test]
-    fn control_points_that_the_others_do_not_predict_are_left_out() {
+    fn control_points_that_the_others_do_not_predict_are_named() {
         let mut draws = Draws::new(54);
         let (linear, ground) = (Linear::new(&mut draws, 3), ground(&mut draws));
         let reliability = linear.reliability(&observed(&mut draws, 3));
-        assert_eq!(Sensitivities::of(&reliability, &ground), Sensitivities::default());
+        let unpredicted = Sensitivities {
+            unchecked: vec![[0], [1], [2]],
+            unchecked_pairs: vec![[0, 1], [0, 2], [1, 2]],
+            ..Sensitivities::default()
+        };
+        assert_eq!(Sensitivities::of(&reliability, &ground), unpredicted);
+        let mut silent = reliability;
+        silent.own[1] = Matrix2::zeros();
+        assert_eq!(Sensitivities::of(&silent, &ground).unchecked, [[0], [2]]);
     }
 }

@@ -6,17 +6,17 @@
 //! it (*discrepancy*), is that more than chance (*test*), how would the parameters change without it (*step*), and how
 //! far can an error that the test does not show take them (*theoretical* sensitivity)?
 
-use nalgebra::{DMatrix, DVector, Matrix6, SymmetricEigen, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix6, SymmetricEigen, Vector6};
 
 /// Significance of the tests, 0.1 %: critical values of chi-square for 1 to 4 degrees of freedom.
 const CRITICAL: [f64; 4] = [10.83, 13.82, 16.27, 18.47];
 /// Non-centrality (as a root) of an error that these tests find with a power of 80 %, `delta_0`.
 const DETECTABLE: [f64; 4] = [4.13, 4.43, 4.64, 4.81];
 
-/// Directions of a group in which its discrepancy is ten times as uncertain as in the best one, or more, are not tested:
-/// there the group is hardly observed, as a house of which two parallel edges were found is along them.
-const LEAST_WEIGHT: f64 = 1e-2;
-/// A group of whose information only this part is redundant is checked by nothing.
+/// Directions in which a member of a group is ten times less exactly observed than in its best one, or more, are not
+/// tested: it says nothing there, as a house of which two parallel edges were found does along them.
+const LEAST_OBSERVED: f64 = 1e-2;
+/// A group is checked by nothing if in some direction only this part of its information is redundant.
 const LEAST_REDUNDANT: f64 = 1e-9;
 const MOST_ITERATIONS: usize = 200;
 
@@ -31,8 +31,8 @@ pub struct Reliability {
     pub right_side: DVector<f64>,
     /// What displacements do to the parameters: their step is `-influence * weights^-1 * right_side`, each group alone.
     pub influence: DMatrix<f64>,
-    /// The information on the displacement of each group if all other unknowns were known (a trace).
-    pub own: Vec<f64>,
+    /// The information on the displacement of each group if all other unknowns were known.
+    pub own: Vec<Matrix2<f64>>,
     /// How much smaller the variances of the discrepancies of a group are for its test than for the estimate, in which
     /// a group that does not fit has been given less weight.
     pub excess: Vec<f64>,
@@ -92,24 +92,31 @@ impl Reliability {
         self.right_side.len() / 2
     }
 
-    /// The sensitivity to one group, or to two together. `None` if the others do not predict them at all, so that
-    /// nothing checks them.
+    /// Whether groups take part in the estimate at all.
+    #[must_use]
+    pub fn informs(&self, groups: &[usize]) -> bool {
+        groups.iter().any(|group| self.own[*group].trace() > 0.0)
+    }
+
+    /// The sensitivity to one group, or to two together. `None` if the others do not predict them in all directions in
+    /// which they are observed, so that nothing checks them, or if they do not take part.
     #[must_use]
     pub fn of(&self, groups: &[usize]) -> Option<Sensitivity> {
         let places: Vec<usize> = groups.iter().flat_map(|group| [2 * group, 2 * group + 1]).collect();
         let weights = self.weights.select_rows(&places).select_columns(&places);
         let right_side = self.right_side.select_rows(&places);
         let influence = self.influence.select_columns(&places);
-        let own = groups.iter().map(|group| self.own[*group]).fold(0.0, f64::max);
-        let (basis, inverse) = inverted(&weights, LEAST_REDUNDANT * own)?;
-        let discrepancy = &inverse * &right_side;
-        // in the directions that are observed
+        let own = groups.iter().map(|group| self.own[*group].trace()).fold(0.0, f64::max);
+        let basis = self.observed(groups)?;
+        let covariance = inverse(&basis.tr_mul(&(weights * &basis)), LEAST_REDUNDANT * own)?;
+        let seen = &covariance * basis.tr_mul(&right_side);
+        let discrepancy = &basis * &seen;
         let excess = DMatrix::from_diagonal(&DVector::from_fn(places.len(), |place, _| self.excess[groups[place / 2]]));
-        let variances = basis.tr_mul(&((&inverse - excess) * &basis));
-        let seen = basis.tr_mul(&discrepancy);
+        let variances = &covariance - basis.tr_mul(&(excess * &basis));
         let test = seen.dot(&variances.clone().cholesky()?.solve(&seen));
         let step = -(&influence * &discrepancy);
-        let added = &influence * &inverse * influence.transpose();
+        let influence = influence * basis;
+        let added = &influence * covariance * influence.transpose();
         let sensitivity = Sensitivity {
             test,
             weighted_test: right_side.dot(&discrepancy),
@@ -122,22 +129,35 @@ impl Reliability {
         let finite = sensitivity.test.is_finite() && sensitivity.added_covariance.iter().all(|v| v.is_finite());
         finite.then_some(sensitivity)
     }
+
+    /// The directions in which the members of a group are observed, as columns; `None` if there is none.
+    fn observed(&self, groups: &[usize]) -> Option<DMatrix<f64>> {
+        let mut columns = Vec::new();
+        for (member, group) in groups.iter().enumerate() {
+            // no iteration ends on what is not a number
+            let own = Some(self.own[*group]).filter(|own| own.iter().all(|value| value.is_finite()))?;
+            let eigen = SymmetricEigen::try_new(own, f64::EPSILON, MOST_ITERATIONS)?;
+            let least = eigen.eigenvalues.max() * LEAST_OBSERVED;
+            let observed = (0..2).filter(|k| least > 0.0 && eigen.eigenvalues[*k] > least);
+            columns.extend(observed.map(|k| {
+                let mut column = DVector::zeros(2 * groups.len());
+                column.fixed_rows_mut::<2>(2 * member).copy_from(&eigen.eigenvectors.column(k));
+                column
+            }));
+        }
+        (!columns.is_empty()).then(|| DMatrix::from_columns(&columns))
+    }
 }
 
-/// The directions in which there is information, and the inverse in them; `None` if there is none.
-fn inverted(weights: &DMatrix<f64>, negligible: f64) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
-    // no iteration ends on what is not a number
+/// The inverse of a symmetric matrix; `None` unless all its eigenvalues exceed `negligible`.
+fn inverse(weights: &DMatrix<f64>, negligible: f64) -> Option<DMatrix<f64>> {
     if !weights.iter().all(|value| value.is_finite()) {
         return None;
     }
-    let symmetric = (weights + weights.transpose()) / 2.0;
-    let eigen = SymmetricEigen::try_new(symmetric, f64::EPSILON, MOST_ITERATIONS)?;
-    let least = (eigen.eigenvalues.max() * LEAST_WEIGHT).max(negligible);
-    let seen: Vec<usize> = (0..weights.nrows()).filter(|k| least > 0.0 && eigen.eigenvalues[*k] > least).collect();
-    let basis = eigen.eigenvectors.select_columns(&seen);
-    let variances = DVector::from_iterator(seen.len(), seen.iter().map(|k| 1.0 / eigen.eigenvalues[*k]));
-    let inverse = &basis * DMatrix::from_diagonal(&variances) * basis.transpose();
-    (!seen.is_empty()).then_some((basis, inverse))
+    let eigen = SymmetricEigen::try_new((weights + weights.transpose()) / 2.0, f64::EPSILON, MOST_ITERATIONS)?;
+    let variances = eigen.eigenvalues.map(|value| 1.0 / value);
+    let checked = eigen.eigenvalues.iter().all(|value| *value > negligible);
+    checked.then(|| &eigen.eigenvectors * DMatrix::from_diagonal(&variances) * eigen.eigenvectors.transpose())
 }
 
 #[cfg(test)]
@@ -196,6 +216,47 @@ mod tests {
             }
             assert_relative_eq!(sensitivity.test, sensitivity.weighted_test, max_relative = 1e-9);
         }
+    }
+
+    /// Two neighbours that are predicted well against each other, and hardly at all together.
+    #[test]
+    fn a_pair_that_carries_the_result_together_is_not_overlooked() {
+        let mut draws = Draws::new(36);
+        let mut linear = Linear::new(&mut draws, 8);
+        let pair = [2, 3];
+        linear.designs[3] = linear.designs[2].map(|value| value * 1.02);
+        for (group, design) in linear.designs.iter_mut().enumerate() {
+            if !pair.contains(&group) {
+                design.column_mut(4).scale_mut(0.004);
+            }
+        }
+        let observed = observed(&mut draws, 8);
+        let sensitivity = linear.reliability(&observed).of(&pair).unwrap();
+        let before = linear.normal(&[]).try_inverse().unwrap();
+        let added = linear.normal(&pair).try_inverse().unwrap() - before;
+        assert!(added[(4, 4)] > 1e3 * before[(4, 4)]);
+        assert_relative_eq!(sensitivity.added_covariance, added, max_relative = 1e-6, epsilon = 1e-6);
+        let step = linear.estimate(&observed, &pair) - linear.estimate(&observed, &[]);
+        assert_relative_eq!(sensitivity.step, step, max_relative = 1e-6, epsilon = 1e-6);
+        // each alone is checked by the other
+        let alone = linear.reliability(&observed).of(&[2]).unwrap();
+        assert!(alone.added_covariance[(4, 4)] < 10.0 * before[(4, 4)]);
+    }
+
+    /// As a house is of which two parallel edges were found.
+    #[test]
+    fn across_what_was_observed_nothing_is_tested() {
+        let mut draws = Draws::new(37);
+        let linear = Linear::new(&mut draws, 8);
+        let mut reliability = linear.reliability(&observed(&mut draws, 8));
+        reliability.own[5] = Matrix2::new(1.0, 0.0, 0.0, 1e-4);
+        let sensitivity = reliability.of(&[5]).unwrap();
+        let expected = reliability.right_side[10] / reliability.weights[(10, 10)];
+        assert_relative_eq!(sensitivity.discrepancy, DVector::from_vec(vec![expected, 0.0]), epsilon = 1e-12);
+        assert_eq!(sensitivity.detectable(), DETECTABLE[0]);
+        reliability.own[5] = Matrix2::zeros();
+        assert!(reliability.of(&[5]).is_none() && !reliability.informs(&[5]) && reliability.informs(&[5, 6]));
+        assert_eq!(reliability.of(&[5, 6]).unwrap().test, reliability.of(&[6]).unwrap().test);
     }
 
     #[test]

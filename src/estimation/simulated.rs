@@ -1,6 +1,6 @@
 //! What the tests of this room and of those above it draw from.
 
-use nalgebra::{DMatrix, DVector, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix2x6, Matrix6, Vector2, Vector3, Vector6};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -100,7 +100,7 @@ impl Linear {
             weights: DMatrix::identity(2 * count, 2 * count) - &design * &covariance_of_all * design.transpose(),
             right_side,
             influence: covariance_of_all * design.transpose(),
-            own: vec![2.0; count],
+            own: vec![Matrix2::identity(); count],
             excess: vec![0.0; count],
         }
     }

@@ -15,6 +15,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use uuid::Uuid;
 
+use super::access::Caller;
 use super::extract::{Json, Path, Query, media_type, refuse_encoded};
 use super::idempotency::NewId;
 use super::page::{Page, PageQuery};
@@ -23,12 +24,12 @@ use super::state::AppState;
 use crate::classifiers::Loaded;
 use crate::jobs::active::{ActiveError, NamedClassifier, SHIPPED, shipped_classifier, stored_classifier};
 use crate::jobs::request::CostsRequest;
-use crate::jobs::training::{Source, TrainingPlan};
+use crate::jobs::training::{Source, TrainingPlan, name_fault};
 use crate::learning::Kind;
 use crate::store::classifiers::StoredClassifier;
+use crate::store::keys::Role;
 use answer::{ActiveAnswer, ClassifierAnswer, ClassifierDetail};
 
-const NAME_MAX_CHARACTERS: usize = 200;
 /// Before a client tries again to have a classifier trained.
 const RETRY_AFTER_S: u32 = 60;
 
@@ -58,7 +59,7 @@ struct TrainRequest {
     kinds: Vec<String>,
     /// What decisions cost. Default: the service's.
     costs: Option<CostsRequest>,
-    /// Whether it decides as soon as it is ready. Default: no.
+    /// Whether it decides as soon as it is ready; this needs an admin. Default: no.
     #[serde(default)]
     activate: bool,
 }
@@ -72,7 +73,7 @@ struct TrainQuery {
     name: Option<String>,
     /// With a labelled set as the body: the kinds that are compared, with commas between. Default: all.
     kinds: Option<String>,
-    /// With a labelled set as the body: whether it decides as soon as it is ready. Default: no.
+    /// With a labelled set as the body: whether it decides as soon as it is ready; this needs an admin. Default: no.
     #[serde(default)]
     activate: bool,
 }
@@ -108,6 +109,7 @@ struct Decides {
 async fn train(
     State(state): State<AppState>,
     NewId(id): NewId,
+    caller: Caller,
     Query(query): Query<TrainQuery>,
     request: Request,
 ) -> Result<Response, Problem> {
@@ -129,6 +131,7 @@ async fn train(
             let kinds =
                 query.kinds.as_deref().map(|kinds| kinds.split(',').map(|kind| kind.trim().to_owned()).collect());
             let plan = planned(&state, &name, kinds.unwrap_or_default(), None, Source::Upload, query.activate)?;
+            may_activate(&caller, &plan)?;
             upload::receive(&state, id, request.into_body()).await?;
             (name, plan)
         }
@@ -137,6 +140,7 @@ async fn train(
             let limited = |body| Body::new(Limited::new(body, state.configuration.body_max_bytes));
             let Json(wanted) = Json::<TrainRequest>::from_request(request.map(limited), &state).await?;
             let plan = planned(&state, &wanted.name, wanted.kinds, wanted.costs, Source::History, wanted.activate)?;
+            may_activate(&caller, &plan)?;
             (wanted.name, plan)
         }
     };
@@ -156,6 +160,15 @@ async fn accepted(state: &AppState, stored: &StoredClassifier) -> Result<Respons
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], axum::Json(detail)).into_response())
 }
 
+/// What decides about verdicts is for an admin to say, at once or later.
+fn may_activate(caller: &Caller, plan: &TrainingPlan) -> Result<(), Problem> {
+    if plan.activate && caller.role < Role::Admin {
+        let detail = format!("The key has the role {}; to activate a classifier needs {}.", caller.role, Role::Admin);
+        return Err(Problem::forbidden(detail));
+    }
+    Ok(())
+}
+
 /// Checks what is to be trained.
 fn planned(
     state: &AppState,
@@ -165,12 +178,8 @@ fn planned(
     source: Source,
     activate: bool,
 ) -> Result<TrainingPlan, Problem> {
-    if name.trim().is_empty() || name.chars().count() > NAME_MAX_CHARACTERS || name.chars().any(char::is_control) {
-        let detail = format!("name must have 1 to {NAME_MAX_CHARACTERS} characters, none of them a control character");
-        return Err(Problem::invalid_field("/name", detail));
-    }
-    if name == SHIPPED {
-        return Err(Problem::invalid_field("/name", "this is the name of the classifier that Gable brings along"));
+    if let Some(fault) = name_fault(name) {
+        return Err(Problem::invalid_field("/name", fault));
     }
     if let Some(kind) = kinds.iter().find(|kind| Kind::from_name(kind).is_none()) {
         let known = Kind::ALL.map(Kind::name).join(", ");
@@ -186,7 +195,7 @@ fn planned(
 
 /// List the classifiers
 ///
-/// The newest first, and on the first page, before all others, the one that Gable brings along.
+/// The newest first, and on the first page, before all others and beyond its limit, the one that Gable brings along.
 #[utoipa::path(
     get, path = "/classifiers", operation_id = "list_classifiers", tag = "diagnosis", params(PageQuery),
     responses(
@@ -244,6 +253,9 @@ async fn read(State(state): State<AppState>, Path(id): Path<String>) -> Result<a
 async fn activate(State(state): State<AppState>, Path(id): Path<String>) -> Result<axum::Json<Decides>, Problem> {
     let stored = found(&state, &id).await?;
     if let Some(stored) = &stored {
+        if stored.texts.is_none() {
+            return Err(Problem::conflict(format!("It is not ready: {}.", stored.status.name())));
+        }
         stored_classifier(stored).map_err(|error| Problem::conflict(error.to_string()))?;
     }
     state.store.activate_classifier(stored.as_ref().map(|stored| stored.id)).await?;

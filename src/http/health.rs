@@ -61,6 +61,10 @@ async fn ready(State(state): State<AppState>) -> impl IntoResponse {
             not_ready.insert("database", format!("has not answered within {} s", DATABASE_TIMEOUT.as_secs()));
         }
     }
+    if let Err(error) = state.jobs.active_classifier().await {
+        tracing::error!(%error, "the active classifier cannot be used");
+        not_ready.insert("classifier", String::from("the active one cannot be used; activate another one"));
+    }
     match state.store.free_bytes() {
         Ok(free) if free >= state.configuration.disk_reserve_bytes => {}
         Ok(_) => {

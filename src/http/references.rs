@@ -1,5 +1,7 @@
 //! Reference orientations: where images were truly taken, to learn from and to be judged by.
 
+use std::borrow::Cow;
+
 use axum::extract::State;
 use axum::http::StatusCode;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -9,7 +11,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use uuid::Uuid;
 
-use super::extract::{Json, Path, Query};
+use super::extract::{Json, Path, Query, pointer};
 use super::page::{Page, PageQuery};
 use super::problem::Problem;
 use super::state::AppState;
@@ -18,7 +20,7 @@ use crate::report::Position;
 use crate::store::references::{ReferenceOrientation, given_now};
 
 /// References in one request.
-const MOST_REFERENCES: usize = 10_000;
+const MOST_REFERENCES: usize = 1000;
 const LONGEST_AREA: usize = 200;
 /// The area of references that name none.
 const DEFAULT_AREA: &str = "history";
@@ -36,7 +38,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
 #[serde(deny_unknown_fields)]
 struct ReferencesRequest {
     /// One for each image; a bad one never loses the others.
-    #[schema(max_items = 10_000, value_type = Vec<ReferenceRequest>)]
+    #[schema(max_items = 1000, value_type = Vec<ReferenceRequest>)]
     references: Vec<serde_json::Value>,
 }
 
@@ -111,7 +113,7 @@ struct ReferenceAnswer {
 }
 
 /// A field and what is wrong with it.
-type Fault = (&'static str, String);
+type Fault = (Cow<'static, str>, String);
 
 /// Give reference orientations
 ///
@@ -138,12 +140,12 @@ async fn create(
     for (index, given) in request.references.into_iter().enumerate() {
         let checked = match checked(given) {
             Ok(reference) if state.store.image(reference.image_id).await?.is_some() => Ok(reference),
-            Ok(_) => Err(("/image", "there is no image with this id; upload it first".to_owned())),
+            Ok(_) => Err(("/image".into(), "there is no image with this id; upload it first".to_owned())),
             Err(fault) => Err(fault),
         };
         match checked {
             Ok(reference) => good.push(reference),
-            Err((pointer, detail)) => rejected.push(RejectedReference { index, pointer: pointer.to_owned(), detail }),
+            Err((pointer, detail)) => rejected.push(RejectedReference { index, pointer: pointer.into_owned(), detail }),
         }
     }
     let stored = state.store.put_references(&good).await?;
@@ -152,20 +154,21 @@ async fn create(
 }
 
 fn checked(given: serde_json::Value) -> Result<ReferenceOrientation, Fault> {
-    let request: ReferenceRequest = serde_json::from_value(given).map_err(|error| ("", error.to_string()))?;
+    let request: ReferenceRequest = serde_path_to_error::deserialize(given)
+        .map_err(|error| (pointer(error.path()).into(), error.into_inner().to_string()))?;
     let area = request.area.unwrap_or_else(|| DEFAULT_AREA.to_owned());
     if area.trim().is_empty() || area.chars().count() > LONGEST_AREA || area.chars().any(char::is_control) {
         return Err((
-            "/area",
+            "/area".into(),
             format!("it must have 1 to {LONGEST_AREA} characters, none of them a control character"),
         ));
     }
     let centre = &request.projection_centre;
-    let of_crs = |error: crate::geometry::CrsError| ("/projection_centre", error.to_string());
+    let of_crs = |error: crate::geometry::CrsError| (Cow::from("/projection_centre"), error.to_string());
     let crs = Crs::parse(&centre.crs).map_err(of_crs)?;
     let undulation_m = centre.vertical.map(|vertical| vertical.geoid_undulation_m);
     let centre_m = crs.geocentric_from_position(centre.coordinates, undulation_m).map_err(of_crs)?;
-    let of_frame = |error: crate::geometry::CrsError| ("/rotation/frame", error.to_string());
+    let of_frame = |error: crate::geometry::CrsError| (Cow::from("/rotation/frame"), error.to_string());
     let frame = request.rotation.frame.as_deref().map(Crs::parse).transpose().map_err(of_frame)?.unwrap_or(crs);
     let frame_from_geocentric = frame.axes_from_geocentric(centre_m).map_err(of_frame)?;
     let camera_from_geocentric = request.rotation.camera_from_frame()? * frame_from_geocentric;
@@ -181,19 +184,19 @@ impl RotationRequest {
             (None, None, None) => None,
             (Some(omega), Some(phi), Some(kappa)) => {
                 if ![omega, phi, kappa].iter().all(|angle| angle.abs() <= 360.0) {
-                    return Err(("/rotation", "the angles must be from -360 to 360 degrees".to_owned()));
+                    return Err(("/rotation".into(), "the angles must be from -360 to 360 degrees".to_owned()));
                 }
                 Some(rotation::camera_from_object(omega.to_radians(), phi.to_radians(), kappa.to_radians()))
             }
-            _ => return Err(("/rotation", "omega_deg, phi_deg and kappa_deg belong together".to_owned())),
+            _ => return Err(("/rotation".into(), "omega_deg, phi_deg and kappa_deg belong together".to_owned())),
         };
         match (of_matrix, of_angles) {
             (Some(matrix), Some(angles)) if matrix.angle_to(&angles) > LARGEST_DEFECT => {
-                Err(("/rotation", "rotation_matrix and the angles contradict each other".to_owned()))
+                Err(("/rotation".into(), "rotation_matrix and the angles contradict each other".to_owned()))
             }
             (Some(rotation), _) | (None, Some(rotation)) => Ok(rotation),
             (None, None) => {
-                Err(("/rotation", "it needs rotation_matrix, or omega_deg, phi_deg and kappa_deg".to_owned()))
+                Err(("/rotation".into(), "it needs rotation_matrix, or omega_deg, phi_deg and kappa_deg".to_owned()))
             }
         }
     }
@@ -205,7 +208,7 @@ fn rotation_of(rows: &[[f64; 3]; 3]) -> Result<Rotation3<f64>, Fault> {
     let defect = (matrix * matrix.transpose() - Matrix3::identity()).amax();
     if !(defect <= LARGEST_DEFECT && matrix.determinant() > 0.0) {
         let detail = "it is no rotation: its rows must be perpendicular, of length 1 and right-handed";
-        return Err(("/rotation/rotation_matrix", detail.to_owned()));
+        return Err(("/rotation/rotation_matrix".into(), detail.to_owned()));
     }
     Ok(Rotation3::from_matrix_eps(&matrix, 1e-12, MOST_ITERATIONS, Rotation3::from_matrix_unchecked(matrix)))
 }
@@ -307,6 +310,7 @@ mod tests {
         assert_eq!(fault(&|v| v["rotation"] = mirrored.clone()), "/rotation/rotation_matrix");
         let stretched = json!({"rotation_matrix": [[1.1, 0, 0], [0, 1, 0], [0, 0, 1]]});
         assert_eq!(fault(&|v| v["rotation"] = stretched.clone()), "/rotation/rotation_matrix");
-        assert_eq!(fault(&|v| v["sigma"] = 1.into()), "");
+        assert_eq!(fault(&|v| v["sigma"] = 1.into()), "/sigma");
+        assert_eq!(fault(&|v| v["rotation"]["phi_deg"] = "two".into()), "/rotation/phi_deg");
     }
 }

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use super::Inner;
 use crate::classifiers::labelled::TrialRecord;
-use crate::classifiers::{LabelledImage, Loaded, Record, TrialRow, samples_of};
+use crate::classifiers::{LabelledImage, Loaded, Record, TrialRow, feature_names, samples_of};
+use crate::learning::Kind;
 use crate::learning::drift::Distribution;
 use crate::store::{Store, StoreError};
 
@@ -59,9 +60,13 @@ impl Inner {
         };
         match measured {
             Ok(indices) => {
-                let indices: BTreeMap<String, f64> = indices.into_iter().collect();
-                metrics::gauge!("gable_drift_max").set(indices.values().copied().fold(0.0, f64::max));
-                for (feature, index) in indices {
+                // not a number: not measured; features of another classifier do not keep their last value
+                metrics::gauge!("gable_drift_max")
+                    .set(indices.iter().map(|(_, index)| *index).fold(f64::NAN, f64::max));
+                let mut of_feature: BTreeMap<String, f64> =
+                    Kind::ALL.into_iter().flat_map(feature_names).map(|name| (name.to_owned(), f64::NAN)).collect();
+                of_feature.extend(indices);
+                for (feature, index) in of_feature {
                     metrics::gauge!("gable_drift", "feature" => feature).set(index);
                 }
             }
@@ -77,7 +82,6 @@ mod tests {
     use crate::classifiers::labelled::tests::simulated;
     use crate::classifiers::train::tests::quickly_trained;
     use crate::jobs::training::tests::Bench;
-    use crate::learning::Kind;
     use crate::learning::drift::DRIFTED;
 
     /// Records of images like those of the training, with a larger sigma0 of all trials.

@@ -10,6 +10,7 @@ use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
 use super::Inner;
+use super::active::SHIPPED;
 use super::request::{CostsRequest, Prepared, ToleranceGiven};
 use crate::classifiers::{
     ClassifierError, LabelledImage, LabelledSet, Record, Reference, Training, TrainingSet, trained,
@@ -33,6 +34,17 @@ pub struct TrainingPlan {
     pub source: Source,
     /// Whether it decides as soon as it is ready.
     pub activate: bool,
+}
+
+const NAME_MAX_CHARACTERS: usize = 200;
+
+/// What is wrong with the name of a new classifier, if anything is.
+#[must_use]
+pub fn name_fault(name: &str) -> Option<String> {
+    if name.trim().is_empty() || name.chars().count() > NAME_MAX_CHARACTERS || name.chars().any(char::is_control) {
+        return Some(format!("a name has 1 to {NAME_MAX_CHARACTERS} characters, none of them a control character"));
+    }
+    (name == SHIPPED).then(|| format!("{SHIPPED} is the name of the classifier that Gable brings along"))
 }
 
 /// Where labelled images come from.

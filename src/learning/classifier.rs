@@ -18,6 +18,9 @@ pub enum Kind {
     EvidenceLogistic,
 }
 
+/// More caution than this accepts nothing.
+pub const LARGEST_CAUTION: f64 = 1e6;
+
 /// What a classifier looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sees {
@@ -104,7 +107,7 @@ impl Classifier {
         self.machine.decision(&self.scaling.scaled(&self.domain.clamped(features)))
     }
 
-    /// Whether scaling, model and domain are of as many features as there are names.
+    /// Whether scaling, model and domain are of as many features as there are names, and the model of its kind.
     #[must_use]
     pub fn is_consistent(&self) -> bool {
         let count = self.features.len();
@@ -115,9 +118,9 @@ impl Classifier {
             && [least.len(), most.len(), mean.len()] == [count; 3]
             && covariance.len() == count * (count + 1) / 2
             && finite
-            && self.caution >= 1.0
-            && self.caution.is_finite()
-            && !farthest.is_nan()
+            && (1.0..=LARGEST_CAUTION).contains(&self.caution)
+            && *farthest > 0.0
+            && self.machine.is_linear() == matches!(self.kind, Kind::OneFeature | Kind::EvidenceLogistic)
     }
 }
 

@@ -103,15 +103,15 @@ pub struct CostPoint {
 }
 
 /// One point for every threshold that makes a difference, ascending: the first accepts all, the last none. `scored`
-/// are pairs of a score and of whether the orientation is right; what has no score is never accepted.
+/// are pairs of a score and of whether the orientation is right; what has none, or negative infinity, is never accepted.
 #[must_use]
 pub fn cost_curve(scored: &[(f64, bool)]) -> Vec<CostPoint> {
-    let mut sorted: Vec<(f64, bool)> = scored.to_vec();
-    // what is not a number is rejected first
-    sorted.sort_by(|a, b| (!a.0.is_nan()).cmp(&!b.0.is_nan()).then(a.0.total_cmp(&b.0)));
-    let mut confusion = Confusion::of(sorted.iter().map(|(score, right)| (!score.is_nan(), *right)));
+    let acceptable = |score: f64| score > f64::NEG_INFINITY;
+    let mut confusion = Confusion::of(scored.iter().map(|(score, right)| (acceptable(*score), *right)));
+    let mut sorted: Vec<(f64, bool)> = scored.iter().copied().filter(|(score, _)| acceptable(*score)).collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut curve = vec![CostPoint { threshold: f64::NEG_INFINITY, confusion }];
-    for (k, (score, right)) in sorted.iter().enumerate().filter(|(_, (score, _))| !score.is_nan()) {
+    for (k, (score, right)) in sorted.iter().enumerate() {
         if *right {
             (confusion.cc, confusion.wc) = (confusion.cc - 1, confusion.wc + 1);
         } else {
@@ -208,14 +208,15 @@ mod tests {
 
     #[test]
     fn a_curve_has_every_decision_that_a_threshold_can_make() {
-        let scored = [(0.5, true), (-1.0, false), (0.5, false), (2.0, true), (f64::NAN, true)];
+        let scored =
+            [(0.5, true), (-1.0, false), (0.5, false), (2.0, true), (f64::NAN, true), (f64::NEG_INFINITY, false)];
         let curve = cost_curve(&scored);
         let found: Vec<(f64, [usize; 4])> = curve
             .iter()
             .map(|p| (p.threshold, [p.confusion.cc, p.confusion.cw, p.confusion.wc, p.confusion.ww]))
             .collect();
-        assert_eq!(found[0], (f64::NEG_INFINITY, [2, 2, 1, 0]));
-        assert_eq!(found[1..], [(-1.0, [2, 1, 1, 1]), (0.5, [1, 0, 2, 2]), (2.0, [0, 0, 3, 2])]);
+        assert_eq!(found[0], (f64::NEG_INFINITY, [2, 2, 1, 1]));
+        assert_eq!(found[1..], [(-1.0, [2, 1, 1, 2]), (0.5, [1, 0, 2, 3]), (2.0, [0, 0, 3, 3])]);
         for point in &curve {
             let by_hand = Confusion::of(scored.iter().map(|(score, right)| (*score > point.threshold, *right)));
             assert_eq!(point.confusion, by_hand);

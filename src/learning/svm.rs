@@ -41,8 +41,18 @@ pub enum SvmError {
         /// Wrong ones.
         wrong: usize,
     },
+    /// There are too few images of one class.
+    #[error("{right} images with an orientation are right and {wrong} are wrong: at least {least} of each are needed")]
+    FewOfOne {
+        /// Right ones.
+        right: usize,
+        /// Wrong ones.
+        wrong: usize,
+        /// Enough.
+        least: usize,
+    },
     /// A sample or setting is not usable.
-    #[error("the support vector machine cannot be trained: {detail}")]
+    #[error("it cannot be trained: {detail}")]
     Untrainable {
         /// What LIBSVM says.
         detail: String,
@@ -149,6 +159,12 @@ impl Machine {
             label: vec![RIGHT, WRONG],
             n_sv: vec![1, 0],
         })
+    }
+
+    /// Whether it is a weighted sum.
+    #[must_use]
+    pub fn is_linear(&self) -> bool {
+        matches!(self.model.param.kernel_type, KernelType::Linear)
     }
 
     /// The decision function d(x) of scaled features: positive for what seems right.

@@ -61,6 +61,8 @@ pub const FOLDS: usize = 10;
 /// Trained once for every area, with less care.
 const FOLDS_OF_TRANSFER: usize = 5;
 const MOST_SAMPLES_OF_TRANSFER: usize = 5_000;
+/// With fewer right or fewer wrong images than these, no probability of an image means anything.
+const LEAST_OF_EACH: usize = 5;
 /// C and gamma of the grid.
 const PRICES: [f64; 3] = [1.0, 10.0, 100.0];
 const GAMMAS: [f64; 4] = [0.05, 0.2, 0.8, 3.2];
@@ -129,7 +131,7 @@ impl Transfer {
 /// Cautions that are tried.
 const CAUTIONS: [f64; 8] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0];
 /// What a caution may cost more than the cheapest one, where it is not the same areas that will be met.
-const MARGIN: f64 = 1.05;
+const MARGIN: f64 = 1.01;
 
 /// What an area deserves where there is no other to learn it from: what the simulated areas, trained on one and judged on
 /// another, deserved.
@@ -178,6 +180,11 @@ impl Trained {
 /// [`SvmError`] if there is nothing to learn.
 pub fn train(examples: &[Example], plan: &Plan, progress: &dyn Fn(f64) -> bool) -> Result<Trained, SvmError> {
     let all: Vec<&Example> = examples.iter().collect();
+    let count = |wanted: bool| all.iter().filter(|e| !e.samples.is_empty() && e.right == wanted).count();
+    let (right, wrong) = (count(true), count(false));
+    if right.min(wrong) < LEAST_OF_EACH {
+        return Err(SvmError::FewOfOne { right, wrong, least: LEAST_OF_EACH });
+    }
     let hyperparameters = match plan.kind {
         Kind::Paper | Kind::EvidenceSvm => Some(chosen(&all, plan, progress)?),
         Kind::OneFeature | Kind::EvidenceLogistic => None,
@@ -263,7 +270,8 @@ impl Fitted {
     ) -> Result<Self, SvmError> {
         let samples: Vec<&(Vec<f64>, bool)> = examples.iter().flat_map(|example| &example.samples).collect();
         let features: Vec<&[f64]> = samples.iter().map(|(features, _)| features.as_slice()).collect();
-        let too_few = || untrainable(format!("{} samples are too few", samples.len()));
+        let too_few =
+            || untrainable(format!("{} samples are too few for {} features", samples.len(), plan.features.len()));
         let scaling = Scaling::of(&features).ok_or_else(too_few)?;
         let domain = Domain::of(&features).ok_or_else(too_few)?;
         let prepared = |(features, right): &(Vec<f64>, bool)| (scaling.scaled(&domain.clamped(features)), *right);
@@ -352,7 +360,8 @@ fn stratified<'e>(examples: &[&'e Example], most: usize, seed: u64) -> Vec<&'e (
         of_label.iter_mut().for_each(|samples| samples.shuffle(&mut draws));
         of_label.shuffle(&mut draws);
         let count: usize = of_label.iter().map(Vec::len).sum();
-        let wanted = (most as f64 * count as f64 / total as f64).floor() as usize;
+        // some of each label, however rare it is
+        let wanted = ((most as f64 * count as f64 / total as f64).floor() as usize).max(1);
         // a round takes one sample of every image that has any left
         let rounds = of_label.iter().map(Vec::len).max().unwrap_or(0);
         let in_turn = (0..rounds).flat_map(|round| of_label.iter().filter_map(move |samples| samples.get(round)));

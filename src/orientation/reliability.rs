@@ -1,7 +1,7 @@
 //! What the adjustment with lines says of each building: the normal equations at its end, seen by displacements of
 //! whole buildings in the image.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix2};
 
 use super::adjust::{Adjustment, Model};
 use crate::estimation::Reliability;
@@ -36,11 +36,11 @@ impl Model<'_> {
             common.fixed_view_mut::<2, 2>(2 * k, at).copy_from(&own.shift_matrix);
             right_side.fixed_rows_mut::<2>(2 * k).copy_from(&own.shift_right_side);
         }
-        let own = (0..count).map(|k| common.fixed_view::<2, 2>(2 * k, 6 + 2 * k).trace()).collect();
+        let own: Vec<Matrix2<f64>> =
+            (0..count).map(|k| common.fixed_view::<2, 2>(2 * k, 6 + 2 * k).into_owned()).collect();
         let explained = scaled_inverse(&matrix)? * common.transpose();
         let mut weights = -(&common * &explained);
-        for k in 0..count {
-            let own = common.fixed_view::<2, 2>(2 * k, 6 + 2 * k).into_owned();
+        for (k, own) in own.iter().enumerate() {
             let mut block = weights.fixed_view_mut::<2, 2>(2 * k, 2 * k);
             block += own;
         }

@@ -7,8 +7,8 @@ use super::run::{LARGEST_CONFIGURATION, Run, Solution};
 use super::{ControlPointResult, Estimate, GroundPrecision, Judge, Outcome};
 use crate::diagnosis::precision::{ground_points, ground_precision};
 use crate::diagnosis::{
-    Case, Evidence, Risk, Sensitivities, SensitivityEvidence, Trial, Witness, WitnessWeight, d_max_m, hull_share,
-    judge, lambda_max, reference_covariance, risk,
+    Case, Evidence, GroundSensitivity, Risk, Sensitivities, SensitivityEvidence, Trial, Witness, WitnessWeight,
+    d_max_m, hull_share, judge, lambda_max, reference_covariance, risk,
 };
 use crate::estimation::Reliability;
 use crate::orientation::ControlPoint;
@@ -155,26 +155,26 @@ fn witness(point: &ControlPointResult) -> Witness {
     Witness { name: point.name.clone(), used: point.used, weight }
 }
 
-/// The extremes of the sensitivities; where they cannot be computed, anything may happen.
+/// The extremes of the sensitivities; where they cannot be computed, or nothing checks a control point or a pair,
+/// anything may happen.
 fn extremes(sensitivities: Option<&Sensitivities>) -> SensitivityEvidence {
-    let Some(Sensitivities { single, pairs }) = sensitivities.filter(|s| !s.single.is_empty()) else {
-        return SensitivityEvidence {
-            change_by_one_m: f64::INFINITY,
-            change_by_two_m: f64::INFINITY,
-            undetected_by_one_m: f64::INFINITY,
-            undetected_by_two_m: f64::INFINITY,
-            largest_test: f64::INFINITY,
-            mean_test: f64::INFINITY,
-            contradicting: 0,
-        };
+    let nothing = Sensitivities::default();
+    let Sensitivities { single, pairs, unchecked, unchecked_pairs } = sensitivities.unwrap_or(&nothing);
+    let checked = unchecked.is_empty() && !single.is_empty();
+    let of_one = |value: fn(&GroundSensitivity<1>) -> f64| {
+        if checked { single.iter().map(value).fold(0.0, f64::max) } else { f64::INFINITY }
+    };
+    let of_two = |value: fn(&GroundSensitivity<2>) -> f64| {
+        let checked = checked && unchecked_pairs.is_empty() && !pairs.is_empty();
+        if checked { pairs.iter().map(value).fold(0.0, f64::max) } else { f64::INFINITY }
     };
     SensitivityEvidence {
-        change_by_one_m: single.iter().map(|s| s.change_m).fold(0.0, f64::max),
-        change_by_two_m: pairs.iter().map(|s| s.change_m).fold(0.0, f64::max),
-        undetected_by_one_m: single.iter().map(|s| s.theoretical_m).fold(0.0, f64::max),
-        undetected_by_two_m: pairs.iter().map(|s| s.theoretical_m).fold(0.0, f64::max),
-        largest_test: single.iter().map(|s| s.test).fold(0.0, f64::max),
-        mean_test: mean(single.iter().map(|s| s.test)),
+        change_by_one_m: of_one(|s| s.change_m),
+        change_by_two_m: of_two(|s| s.change_m),
+        undetected_by_one_m: of_one(|s| s.theoretical_m),
+        undetected_by_two_m: of_two(|s| s.theoretical_m),
+        largest_test: of_one(|s| s.test),
+        mean_test: if checked { mean(single.iter().map(|s| s.test)) } else { f64::INFINITY },
         contradicting: single.iter().filter(|s| s.contradicts).count(),
     }
 }

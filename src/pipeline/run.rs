@@ -148,7 +148,8 @@ impl Run<'_> {
         let least_score = best_score - HOPELESSLY_BEHIND;
         let promising = hypotheses.iter().take(ADJUSTED).take_while(|h| h.score >= least_score).count();
         let mut trials = Vec::new();
-        let mut solutions = self.solutions(&search, &hypotheses[..promising], &mut extraction, &mut trials)?;
+        let (mut solutions, unsolved) =
+            self.solutions(&search, &hypotheses[..promising], &mut extraction, &mut trials)?;
         self.look_again(&search, &mut solutions, &mut extraction)?;
         self.enter(Stage::Diagnose, ALMOST_DONE)?;
         let cost =
@@ -158,7 +159,8 @@ impl Run<'_> {
             return Ok(Attempt { outcome, best_score });
         };
         let adjusted = solutions.iter().skip(1).map(|s| (&s.adjustment.orientation, s.log_odds));
-        let not_adjusted = hypotheses[promising..].iter().map(|h| (&h.prediction.orientation, h.score));
+        let not_adjusted = unsolved.into_iter().chain(&hypotheses[promising..]);
+        let not_adjusted = not_adjusted.map(|h| (&h.prediction.orientation, h.score));
         let rivals = adjusted.chain(not_adjusted).filter(|(other, _)| self.differ(&search, best, other));
         let runner_up_log_odds = rivals.map(|(_, log_odds)| log_odds).fold(0.0, f64::max);
         let rivals = Rivals { runner_up_log_odds, trials: selected(trials) };
@@ -166,21 +168,24 @@ impl Run<'_> {
         Ok(Attempt { outcome, best_score })
     }
 
-    /// What hypotheses lead to, the best first.
-    fn solutions(
+    /// What hypotheses lead to, the best first, and those that lead to nothing.
+    fn solutions<'h>(
         &self,
         search: &Search,
-        hypotheses: &[Hypothesis],
+        hypotheses: &'h [Hypothesis],
         extraction: &mut Extraction,
         trials: &mut Vec<Trial>,
-    ) -> Result<Vec<Solution>, Fault> {
-        let mut solutions = Vec::new();
+    ) -> Result<(Vec<Solution>, Vec<&'h Hypothesis>), Fault> {
+        let (mut solutions, mut unsolved) = (Vec::new(), Vec::new());
         for (k, hypothesis) in hypotheses.iter().enumerate() {
             self.enter(Stage::Adjust, 0.75 + 0.2 * k as f64 / ADJUSTED as f64)?;
-            solutions.extend(self.solve(search, hypothesis, extraction, trials)?);
+            match self.solve(search, hypothesis, extraction, trials)? {
+                Some(solution) => solutions.push(solution),
+                None => unsolved.push(hypothesis),
+            }
         }
         solutions.sort_by(|a: &Solution, b| b.log_odds.total_cmp(&a.log_odds));
-        Ok(solutions)
+        Ok((solutions, unsolved))
     }
 
     /// Points, then lines.

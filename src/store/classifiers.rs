@@ -1,7 +1,7 @@
 //! Trained classifiers as texts, and which of them decides.
 
 use chrono::{DateTime, Utc};
-use sqlx::FromRow;
+use sqlx::{FromRow, Sqlite, Transaction};
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
@@ -119,11 +119,13 @@ pub struct Activation {
 }
 
 impl Store {
-    /// Adds a classifier that waits to be trained; `false` if the name is taken.
+    /// Adds a classifier that waits to be trained; `false` if the name is taken. It takes the place of a failed one.
     ///
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn queue_classifier(&self, id: Uuid, name: &str, plan: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.begin_write().await?;
+        forget_failed(&mut transaction, name).await?;
         let done = sqlx::query(
             "INSERT INTO classifiers (id, name, status, plan, created_at) VALUES (?, ?, 'queued', ?, ?)
              ON CONFLICT DO NOTHING",
@@ -132,12 +134,13 @@ impl Store {
         .bind(name)
         .bind(plan)
         .bind(now())
-        .execute(&self.pool)
+        .execute(&mut *transaction)
         .await?;
+        transaction.commit().await?;
         Ok(done.rows_affected() == 1)
     }
 
-    /// Adds a classifier that was trained elsewhere; `false` if the name is taken.
+    /// Adds a classifier that was trained elsewhere; `false` if the name is taken. It takes the place of a failed one.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -149,6 +152,8 @@ impl Store {
         texts: &ClassifierTexts,
         sha256: [u8; 32],
     ) -> Result<bool, StoreError> {
+        let mut transaction = self.begin_write().await?;
+        forget_failed(&mut transaction, name).await?;
         let done = sqlx::query(
             "INSERT INTO classifiers
              (id, name, status, progress, plan, sha256, model, scaling, description, created_at, finished_at)
@@ -163,8 +168,9 @@ impl Store {
         .bind(&texts.description)
         .bind(now())
         .bind(now())
-        .execute(&self.pool)
+        .execute(&mut *transaction)
         .await?;
+        transaction.commit().await?;
         Ok(done.rows_affected() == 1)
     }
 
@@ -258,16 +264,25 @@ impl Store {
         Ok(())
     }
 
-    /// Makes a classifier decide from now on (`None`: the one that the program brings along).
+    /// Makes a classifier decide from now on (`None`: the one that the program brings along). Nothing changes if it does
+    /// already, so that taking this back leads to another one.
     ///
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn activate_classifier(&self, id: Option<Uuid>) -> Result<(), StoreError> {
-        sqlx::query("INSERT INTO classifier_activations (classifier_id, activated_at) VALUES (?, ?)")
-            .bind(id)
-            .bind(now())
-            .execute(&self.pool)
-            .await?;
+        let mut transaction = self.begin_write().await?;
+        let last: Option<Option<Uuid>> =
+            sqlx::query_scalar("SELECT classifier_id FROM classifier_activations ORDER BY number DESC LIMIT 1")
+                .fetch_optional(&mut *transaction)
+                .await?;
+        if last.flatten() != id {
+            sqlx::query("INSERT INTO classifier_activations (classifier_id, activated_at) VALUES (?, ?)")
+                .bind(id)
+                .bind(now())
+                .execute(&mut *transaction)
+                .await?;
+        }
+        transaction.commit().await?;
         Ok(())
     }
 
@@ -290,6 +305,12 @@ impl Store {
         let query = "SELECT * FROM classifier_activations ORDER BY number DESC LIMIT ?";
         Ok(sqlx::query_as(query).bind(limit).fetch_all(&self.pool).await?)
     }
+}
+
+async fn forget_failed(transaction: &mut Transaction<'_, Sqlite>, name: &str) -> Result<(), StoreError> {
+    let query = "DELETE FROM classifiers WHERE name = ? AND status = 'failed'";
+    sqlx::query(query).bind(name).execute(&mut **transaction).await?;
+    Ok(())
 }
 
 #[cfg(test)]
@@ -351,6 +372,10 @@ mod tests {
         assert!(!store.add_classifier(Uuid::now_v7(), "name", "another plan", &texts(), [1; 32]).await.unwrap());
         let all = store.classifiers(None, 10).await.unwrap();
         assert_eq!(all.iter().map(|c| (c.id, c.plan.as_str())).collect::<Vec<_>>(), [(first, "the plan")]);
+        // one that has failed makes room
+        store.end_training(first, Err("nothing to learn")).await.unwrap();
+        let second = queued(&store, "name").await;
+        assert_eq!(store.classifiers(None, 10).await.unwrap().iter().map(|c| c.id).collect::<Vec<_>>(), [second]);
     }
 
     #[tokio::test]
@@ -378,7 +403,8 @@ mod tests {
         assert!(!store.roll_classifier_back().await.unwrap());
         let id = Uuid::now_v7();
         store.add_classifier(id, "name", "{}", &texts(), [1; 32]).await.unwrap();
-        for activated in [Some(id), None, Some(id)] {
+        // what decides already is not activated again
+        for activated in [None, Some(id), Some(id), None, None, Some(id)] {
             store.activate_classifier(activated).await.unwrap();
         }
         let decided = async || store.activations(5).await.unwrap().iter().map(|a| a.classifier_id).collect::<Vec<_>>();

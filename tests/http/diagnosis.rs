@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use axum::body::Body;
 use axum::http::Request;
 use gable::configuration::Configuration;
+use gable::store::keys::Role;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
@@ -88,10 +89,12 @@ async fn a_bad_reference_is_named_and_loses_no_other() {
     mirrored["rotation"] = json!({"rotation_matrix": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]});
     let mut torn = reference(&image);
     torn["rotation"]["rotation_matrix"] = json!([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+    let mut wordy = reference(&image);
+    wordy["rotation"]["phi_deg"] = "two".into();
     let mut nowhere = reference(&image);
     nowhere["projection_centre"]["crs"] = "EPSG:1".into();
     let unknown = reference("01a20225-f91a-7133-9892-18bd6449110e");
-    let all = json!({"references": [mirrored, nowhere, reference(&image), unknown, "text", torn]});
+    let all = json!({"references": [mirrored, nowhere, reference(&image), unknown, "text", torn, wordy]});
     let answer = service.post(REFERENCES, &all).await.json();
     assert_eq!(answer["stored"], 1);
     let rejected: Vec<(u64, &str)> = answer["rejected"]
@@ -102,9 +105,16 @@ async fn a_bad_reference_is_named_and_loses_no_other() {
         .collect();
     assert_eq!(
         rejected,
-        [(0, "/rotation/rotation_matrix"), (1, "/projection_centre"), (3, "/image"), (4, ""), (5, "/rotation")]
+        [
+            (0, "/rotation/rotation_matrix"),
+            (1, "/projection_centre"),
+            (3, "/image"),
+            (4, ""),
+            (5, "/rotation"),
+            (6, "/rotation/phi_deg")
+        ]
     );
-    service.post(REFERENCES, &json!({"references": vec![json!({}); 10_001]})).await.problem(422);
+    service.post(REFERENCES, &json!({"references": vec![json!({}); 1001]})).await.problem(422);
     service.post(REFERENCES, &json!([reference(&image)])).await.problem(422);
 }
 
@@ -183,6 +193,29 @@ async fn sets_that_teach_nothing_are_refused_and_leave_nothing() {
     assert_eq!(failed["status"], "failed");
     assert!(failed["error"].as_str().is_some_and(|error| !error.is_empty()), "{failed}");
     service.post(&format!("{CLASSIFIERS}/{id}/activate"), &json!({})).await.problem(409);
+    // its name is free again
+    assert_eq!(history(json!({"name": "own"})).await.status, 202);
+    service.get(&format!("{CLASSIFIERS}/{id}")).await.problem(404);
+}
+
+#[tokio::test]
+async fn an_operator_may_train_but_not_decide_what_decides() {
+    let service = Service::new().await;
+    let (operator, _) = service.key(Role::Operator).await;
+    let ask = async |activate: bool| {
+        let body = json!({"name": format!("own-{activate}"), "activate": activate});
+        let post = Request::post(CLASSIFIERS).header("content-type", "application/json");
+        service
+            .send(post.header("authorization", format!("Bearer {operator}")).body(body.to_string().into()).unwrap())
+            .await
+    };
+    ask(true).await.problem(403);
+    assert_eq!(ask(false).await.status, 202);
+    let set =
+        Request::post(format!("{CLASSIFIERS}?name=set&activate=true")).header("content-type", "application/x-ndjson");
+    let set = set.header("authorization", format!("Bearer {operator}")).body(labelled_set(20).into()).unwrap();
+    service.send(set).await.problem(403);
+    assert_eq!(service.files("training"), Vec::<String>::new());
 }
 
 #[tokio::test]

@@ -211,6 +211,15 @@ fn control_points_that_carry_or_contradict_are_named() {
         "{}",
         detail("control_points_decisive")
     );
+    witnesses.push(Witness { name: "unchecked".to_owned(), used: true, weight: None });
+    let case = Case { evidence: &sound(), trials: &[], witnesses: &witnesses };
+    for threshold in [1e9, -1e9] {
+        let found = judge(&case, &classifier(), &Policy { threshold: Some(threshold), ..Policy::default() });
+        let reason = found.reasons.iter().find(|reason| reason.code == "control_points_decisive").unwrap();
+        assert!(reason.detail.contains("rests on unchecked, alone alone"), "{}", reason.detail);
+        assert!(reason.detail.contains("by any distance"), "{}", reason.detail);
+        assert_eq!(found.probably_right, names(&["sound", "alone"]));
+    }
     assert!(detail("control_points_contradict").starts_with("moved is not where"));
     assert!(detail("control_points_contradict").contains("0.30 m"));
     let many: Vec<Witness> = (0..9).map(|k| witness(&format!("m{k}"), true, 0.1)).collect();

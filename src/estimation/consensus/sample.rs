@@ -49,6 +49,7 @@ impl Sample {
 }
 
 fn keep(heap: &mut BinaryHeap<Kept>, rank: f64, points: &[usize]) {
+    let rank = if rank.is_nan() { f64::INFINITY } else { rank };
     let full = heap.len() >= KEPT;
     if full && heap.peek().is_some_and(|worst| rank >= worst.rank) {
         return;

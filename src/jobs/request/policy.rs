@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::{Faults, FieldFault, within};
 use crate::diagnosis::Policy;
 use crate::learning::Costs;
+use crate::learning::classifier::LARGEST_CAUTION;
 
 /// What decisions cost. The first letter is the decision (c: accepted as correct, w: rejected as wrong), the second is
 /// reality.
@@ -52,9 +53,6 @@ impl CostsRequest {
     }
 }
 
-/// More caution than this accepts nothing.
-const LARGEST_CAUTION: f64 = 1e6;
-
 pub(super) fn check_caution(caution: f64, faults: &mut Faults) {
     faults.check("/caution", within(caution, 1.0, LARGEST_CAUTION, "times"));
 }
@@ -87,11 +85,12 @@ pub struct PolicyGiven {
 }
 
 impl PolicyGiven {
-    /// With what it leaves open filled in. Costs that were given without a threshold are not overruled by a configured
-    /// threshold.
+    /// With what it leaves open filled in. Costs and caution that were given without a threshold are not overruled by a
+    /// configured threshold.
     #[must_use]
     pub fn or(self, configured: &Policy) -> Self {
-        let configured_threshold = if self.costs.is_some() { None } else { configured.threshold };
+        let given = self.costs.is_some() || self.caution.is_some();
+        let configured_threshold = if given { None } else { configured.threshold };
         Self {
             costs: Some(self.costs.unwrap_or(configured.costs.into())),
             caution: self.caution.or(configured.caution),
@@ -107,5 +106,21 @@ impl PolicyGiven {
             caution: self.caution,
             threshold: self.threshold,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_configured_threshold_holds_until_a_request_weighs_for_itself() {
+        let configured = Policy { threshold: Some(2.0), ..Policy::default() };
+        let threshold = |given: PolicyGiven| given.or(&configured).threshold;
+        assert_eq!(threshold(PolicyGiven::default()), Some(2.0));
+        assert_eq!(threshold(PolicyGiven { threshold: Some(1.0), ..PolicyGiven::default() }), Some(1.0));
+        assert_eq!(threshold(PolicyGiven { caution: Some(3.0), ..PolicyGiven::default() }), None);
+        let costs = Some(Costs { cw: 80.0, ..Costs::default() }.into());
+        assert_eq!(threshold(PolicyGiven { costs, ..PolicyGiven::default() }), None);
     }
 }

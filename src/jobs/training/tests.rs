@@ -254,7 +254,7 @@ async fn what_cannot_be_trained_says_why_and_holds_nothing_up() {
     let failing = [
         (bench.queue("broken", Kind::OneFeature, Some(&broken), true).await, "line 181: missing field"),
         (bench.queue("all right", Kind::EvidenceLogistic, Some(&lines(&all_right)), true).await, "0 are wrong"),
-        (bench.queue("no history", Kind::Paper, None, true).await, "too few"),
+        (bench.queue("no history", Kind::Paper, None, true).await, "at least 5 of each"),
         (bench.queue("lost", Kind::Paper, Some(b""), true).await, "cannot be read"),
     ];
     std::fs::remove_file(upload_path(&bench.store, failing[3].0)).unwrap();

@@ -137,7 +137,14 @@ fn a_training_can_be_ended_and_says_what_is_missing() {
     let set = examples(9, "here", 200);
     assert_eq!(train(&set, &plan(Kind::EvidenceLogistic), &|_| false), Err(SvmError::Stopped));
     let right: Vec<Example> = set.iter().filter(|e| e.right).cloned().collect();
-    assert!(matches!(train(&right, &plan(Kind::EvidenceLogistic), &go_on), Err(SvmError::OneClass { .. })));
+    let few = |right: usize, wrong: usize| SvmError::FewOfOne { right, wrong, least: LEAST_OF_EACH };
+    for kind in Kind::ALL {
+        assert_eq!(train(&right, &plan(kind), &go_on), Err(few(right.len(), 0)));
+    }
+    // wrong trials are no wrong images
+    let mut with_wrong_trials = right.clone();
+    with_wrong_trials.iter_mut().for_each(|e| e.samples.push((e.samples[0].0.clone(), false)));
+    assert_eq!(train(&with_wrong_trials, &plan(Kind::OneFeature), &go_on), Err(few(right.len(), 0)));
     assert!(train(&[], &plan(Kind::Paper), &go_on).is_err());
 }
 
