@@ -59,6 +59,8 @@ pub struct Case<'a> {
 const LEAST_PROBABILITY_OF_YELLOW: f64 = 0.5;
 /// Fewer control points leave no check on errors (paper 2.2).
 const LEAST_CONTROL_POINTS: usize = 4;
+/// Where two or more control points contradict all others, and one in so many does, nothing is verified.
+const MOST_CONTRADICTING: usize = 4;
 /// Scores are finite, however hopeless.
 const LEAST_SCORE: f64 = -99.0;
 /// Names in a reason, at most.
@@ -133,13 +135,15 @@ pub fn not_oriented(code: &'static str, detail: String) -> Diagnosis {
     }
 }
 
-/// Whether it may be green at all: the evidence is whole, enough control points check one another, and no other
-/// orientation is half as well founded. Where houses repeat, all else may fit perfectly, which no classifier learns from
-/// areas where they do not.
+/// Whether it may be green at all: the evidence is whole, enough control points check one another and hardly any
+/// contradicts all others, and no other orientation is half as well founded. Where houses repeat, or control is of
+/// another time, all else may fit perfectly, which no classifier learns from areas where that is not so.
 #[must_use]
 pub fn is_checked(evidence: &Evidence) -> bool {
+    let contradicting = evidence.sensitivity.contradicting;
     of_evidence(evidence).iter().all(|value| value.is_finite())
         && evidence.control_points >= LEAST_CONTROL_POINTS
+        && (contradicting < 2 || MOST_CONTRADICTING * contradicting < evidence.control_points)
         && evidence.log_odds > 2.0 * evidence.runner_up_log_odds
 }
 

@@ -146,6 +146,20 @@ fn where_another_orientation_is_half_as_well_founded_nothing_is_green() {
 }
 
 #[test]
+fn where_a_quarter_contradicts_nothing_is_green() {
+    let lenient = Policy { threshold: Some(-1e9), ..Policy::default() };
+    let classifier = classifier();
+    let mut draws = Draws::new(68);
+    let green = |e: &Evidence| judged_by(&classifier, e, &lenient).verdict == Verdict::Green;
+    let mut evidence =
+        std::iter::repeat_with(|| drawn(&mut draws).0).find(|e| e.control_points == 9 && green(e)).unwrap();
+    for (contradicting, accepted) in [(1, true), (2, true), (3, false), (9, false)] {
+        evidence.sensitivity.contradicting = contradicting;
+        assert_eq!(green(&evidence), accepted, "{contradicting} of 9");
+    }
+}
+
+#[test]
 fn three_control_points_are_never_green() {
     let lenient = Policy { threshold: Some(-1e9), ..Policy::default() };
     for control_points in 0..4 {
