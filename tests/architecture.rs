@@ -17,12 +17,13 @@ const ROOMS: &[Room] = &[
     Room("geometry", &[]),
     Room("estimation", &["geometry"]),
     Room("features", &["geometry"]),
+    Room("interior", &["geometry", "estimation", "features"]),
     Room("orientation", &["geometry", "estimation", "features"]),
     Room("learning", &[]),
     Room("diagnosis", &["geometry", "estimation", "features", "orientation", "learning"]),
     Room("pipeline", &["geometry", "estimation", "features", "orientation", "learning", "diagnosis"]),
     Room("classifiers", &["geometry", "learning", "diagnosis", "pipeline"]),
-    Room("simulation", &["geometry", "features", "orientation", "pipeline"]),
+    Room("simulation", &["geometry", "features", "interior", "orientation", "pipeline"]),
     Room(
         "study",
         &[
@@ -78,7 +79,7 @@ const ROOMS: &[Room] = &[
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.
-const PURE: &[&str] = &["geometry", "estimation", "features", "orientation", "learning", "diagnosis"];
+const PURE: &[&str] = &["geometry", "estimation", "features", "interior", "orientation", "learning", "diagnosis"];
 
 /// What a pure room does not know: files, clocks, the process, databases, HTTP, asynchrony and forms of exchange.
 const IMPURE: &[&[&str]] = &[
