@@ -9,13 +9,13 @@ pub mod estimation;
 
 pub mod features;
 
-pub mod interior;
-
 pub mod orientation;
 
 pub mod learning;
 
 pub mod diagnosis;
+
+pub mod interior;
 
 pub mod pipeline;
 

@@ -13,6 +13,19 @@ const CRITICAL: [f64; 4] = [10.83, 13.82, 16.27, 18.47];
 /// Non-centrality (as a root) of an error that these tests find with a power of 80 %, `delta_0`.
 const DETECTABLE: [f64; 4] = [4.13, 4.43, 4.64, 4.81];
 
+/// What chance exceeds in one of a thousand cases: the critical value of chi-square for 1 to 4 degrees of freedom.
+#[must_use]
+pub fn critical_value(freedom: usize) -> f64 {
+    CRITICAL[freedom.clamp(1, 4) - 1]
+}
+
+/// `delta_0` for 1 to 4 degrees of freedom: the non-centrality (as a root) of an error that the test finds in four of
+/// five cases.
+#[must_use]
+pub fn detectable(freedom: usize) -> f64 {
+    DETECTABLE[freedom.clamp(1, 4) - 1]
+}
+
 /// Directions in which a member of a group is ten times less exactly observed than in its best one, or more, are not
 /// tested: it says nothing there, as a house of which two parallel edges were found does along them.
 const LEAST_OBSERVED: f64 = 1e-2;
@@ -61,13 +74,13 @@ impl Sensitivity {
     /// Whether chance hardly explains its discrepancy (0.1 %).
     #[must_use]
     pub fn contradicts(&self) -> bool {
-        self.test > CRITICAL[self.seen.len().clamp(1, 4) - 1]
+        self.test > critical_value(self.seen.len())
     }
 
     /// `delta_0`: non-centrality (as a root) of an error of the group that the test finds in four of five cases only.
     #[must_use]
     pub fn detectable(&self) -> f64 {
-        DETECTABLE[self.seen.len().clamp(1, 4) - 1]
+        detectable(self.seen.len())
     }
 
     /// Logarithm of the likelihood of the discrepancy if the group was displaced with a standard deviation in each

@@ -1,0 +1,115 @@
+//! Which layings of a plate look alike.
+
+use nalgebra::{Matrix2, Rotation2, Vector2};
+
+use super::correlation::Correlator;
+use super::laying::Laying;
+use super::plate::{Fiducial, Plate};
+use super::template::{Placing, Template};
+use crate::features::GreyWindow;
+
+/// Marks are at the same place if they are nearer than this: what the calibration adds to the design is a few
+/// hundredths of a millimetre, and some makers' marks are a millimetre off.
+const SAME_PLACE_MM: f64 = 1.5;
+/// Cells for a millimetre when the looks of marks are compared, and the coefficient from which they look alike.
+const CELLS_PER_MM: f64 = 10.0;
+const ALIKE: f64 = 0.97;
+
+/// The layings in groups: within one the marks alone, but for the last micrometres, do not tell which it is.
+pub(super) fn groups(plate: &Plate) -> Vec<Vec<Laying>> {
+    let mut groups: Vec<Vec<Laying>> = Vec::new();
+    for laying in Laying::all() {
+        let same = groups.iter_mut().find(|group| permutation(plate, laying, group[0]).is_some());
+        match same {
+            Some(group) => group.push(laying),
+            None => groups.push(vec![laying]),
+        }
+    }
+    groups
+}
+
+/// For each mark under one laying, the mark that is in its place under another; `None` if the marks tell them apart.
+pub(super) fn permutation(plate: &Plate, laying: Laying, other: Laying) -> Option<Vec<usize>> {
+    let moved = laying.onto(other);
+    let in_place_of = |mark: &Fiducial| {
+        let place = moved * mark.position_mm;
+        plate
+            .fiducials
+            .iter()
+            .position(|other| (other.position_mm - place).norm() < SAME_PLACE_MM && look_alike(mark, &moved, other))
+    };
+    plate.fiducials.iter().map(in_place_of).collect()
+}
+
+/// Whether a mark, moved with the plate, looks like another one.
+fn look_alike(mark: &Fiducial, moved: &Matrix2<f64>, other: &Fiducial) -> bool {
+    let drawn = |mark: &Fiducial, moved: &Matrix2<f64>| {
+        let turned = moved * Rotation2::new(mark.rotation_rad).matrix();
+        let cells_from_mm = Matrix2::new(CELLS_PER_MM, 0.0, 0.0, -CELLS_PER_MM) * turned;
+        Template::draw(&mark.mark, &Placing { cells_from_mm, centre: Vector2::zeros(), blur: 0.5 })
+    };
+    let (a, b) = (drawn(mark, moved), drawn(other, &Matrix2::identity()));
+    if a.half != b.half {
+        return false;
+    }
+    let side = b.side();
+    let window = GreyWindow { origin_px: [0, 0], reduction: 1, width: side, height: side, grey: b.grey };
+    let fit = Correlator::new(&a).and_then(|correlator| correlator.fit(&window, [a.half; 2]));
+    let cares = a.care.iter().zip(&b.care).filter(|(a, b)| a != b).count();
+    fit.is_some_and(|fit| fit.rho > ALIKE) && (cares as f64) < 0.1 * (side * side) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::interior::mark::{Library, Mark};
+
+    fn plate(marks: &[(f64, f64, Library, f64)]) -> Plate {
+        let fiducial = |(k, (x, y, library, deg)): (usize, &(f64, f64, Library, f64))| Fiducial {
+            name: k.to_string(),
+            position_mm: Vector2::new(x + 0.01, y - 0.02),
+            sigma_mm: 0.002,
+            mark: Arc::new(Mark::Library(*library)),
+            rotation_rad: deg.to_radians(),
+        };
+        let fiducials = marks.iter().enumerate().map(fiducial).collect();
+        Plate { fiducials, asymmetric: None, data_strip: None, format_mm: [230.0, 230.0] }
+    }
+
+    #[test]
+    fn marks_in_a_square_leave_all_eight_open_and_others_fewer() {
+        use Library::{WildRc20, ZeissRmk};
+        let count = |marks: &[(f64, f64, Library, f64)]| {
+            let groups = groups(&plate(marks));
+            assert!(groups.iter().all(|group| group.len() == groups[0].len()));
+            groups.len()
+        };
+        let corners =
+            [(-106.0, -106.0), (106.0, 106.0), (-106.0, 106.0), (106.0, -106.0)].map(|(x, y)| (x, y, WildRc20, 0.0));
+        assert_eq!(count(&corners), 1);
+        let wedges = [(113.0, 0.0, 0.0), (0.0, 113.0, 90.0), (-113.0, 0.0, 180.0), (0.0, -113.0, 270.0)]
+            .map(|(x, y, deg)| (x, y, ZeissRmk, deg));
+        assert_eq!(count(&wedges), 1);
+        // one wedge points elsewhere: only its own mirror image looks alike
+        let mut odd = wedges;
+        odd[0].3 = 180.0;
+        assert_eq!(count(&odd), 4);
+        let oblong = corners.map(|(x, y, library, deg)| (x, 0.8 * y, library, deg));
+        assert_eq!(count(&oblong), 2);
+        let five = [&corners[..], &[(-100.0, 30.0, WildRc20, 0.0)]].concat();
+        assert_eq!(count(&five), 8);
+    }
+
+    #[test]
+    fn a_permutation_says_which_mark_is_where_another_would_be() {
+        let corners = [(-106.0, -106.0), (106.0, -106.0), (106.0, 106.0), (-106.0, 106.0)]
+            .map(|(x, y)| (x, y, Library::WildRc10, 0.0));
+        let plate = plate(&corners);
+        let straight = Laying { quarter_turns: 0, mirrored: false };
+        let turned = Laying { quarter_turns: 1, mirrored: false };
+        // turned counter-clockwise, the first mark (bottom left) comes to the bottom right, where the second was
+        assert_eq!(permutation(&plate, turned, straight), Some(vec![1, 2, 3, 0]));
+    }
+}
