@@ -133,7 +133,7 @@ impl BinaryTemplate {
 }
 
 /// The mean over the square of `2 around + 1` cells; at the rim over what there is of it.
-fn local_mean(grey: &[f32], width: usize, height: usize, around: usize) -> Vec<f32> {
+pub(super) fn local_mean(grey: &[f32], width: usize, height: usize, around: usize) -> Vec<f32> {
     // sums over all cells above and to the left
     let mut sums = vec![0.0_f64; (width + 1) * (height + 1)];
     for y in 0..height {

@@ -128,45 +128,28 @@ impl Correlator {
         Peak::of(&rho)
     }
 
-    /// How much larger the variance of the position is because the noise of neighbouring cells is alike, as that of film
-    /// grain and scanners is: the noise is what the template leaves, and its autocorrelation is weighed as the
-    /// template's gradients weigh it.
+    /// How much larger the variance of the position is because what the template leaves is no white noise: grain,
+    /// scanners and image content beside a mark are alike over many cells. Each cell pulls at the position by its
+    /// residual times the template's gradient; what these pulls add up to is compared block by block with what they
+    /// would add up to if they were independent. (Lines that are wider than drawn pull at both of their edges, which is
+    /// nothing in sum.)
     pub(super) fn inflation(&self, template: &Template, window: &GreyWindow, at: [usize; 2], fit: &Fit) -> f64 {
-        const LAG: i64 = 2;
-        let side = template.side() as i64;
-        let residual = self.residuals(template, window, at, fit);
-        let (grey, care) = (&template.grey, &template.care);
-        let inside = |x: i64, y: i64| x >= 0 && y >= 0 && x < side && y < side;
-        let cell = |x: i64, y: i64| (y * side + x) as usize;
-        let gradient = |x: i64, y: i64| -> Option<[f64; 2]> {
-            let value = |x: i64, y: i64| (inside(x, y) && care[cell(x, y)]).then(|| f64::from(grey[cell(x, y)]));
-            Some([value(x + 1, y)? - value(x - 1, y)?, value(x, y + 1)? - value(x, y - 1)?])
-        };
-        let gradients: Vec<Option<[f64; 2]>> = (0..side * side).map(|k| gradient(k % side, k / side)).collect();
-        let lags = (-LAG..=LAG).flat_map(|dy| (-LAG..=LAG).map(move |dx| (dx, dy)));
-        let (mut weighed, mut white, mut variance) = (0.0, 0.0, 0.0);
-        for (dx, dy) in lags {
-            let (mut product, mut pairs, mut alike) = (0.0, 0.0_f64, 0.0);
-            for (x, y) in (0..side).flat_map(|y| (0..side).map(move |x| (x, y))) {
-                if !inside(x + dx, y + dy) {
-                    continue;
-                }
-                let (a, b) = (cell(x, y), cell(x + dx, y + dy));
-                if let (Some(p), Some(q)) = (residual[a], residual[b]) {
-                    product += p * q;
-                    pairs += 1.0;
-                }
-                if let (Some(g), Some(h)) = (gradients[a], gradients[b]) {
-                    alike += g[0] * h[0] + g[1] * h[1];
-                }
-            }
-            let covariance = product / pairs.max(1.0);
-            weighed += covariance * alike;
-            if (dx, dy) == (0, 0) {
-                (white, variance) = (alike, covariance);
-            }
+        let side = template.side();
+        let block = side.div_ceil(BLOCKS);
+        let residuals = self.residuals(template, window, at, fit);
+        let mut pulls = [[Vector2::zeros(); BLOCKS]; BLOCKS];
+        let mut independent = 0.0;
+        for (y, x) in (1..side - 1).flat_map(|y| (1..side - 1).map(move |x| (y, x))) {
+            let k = y * side + x;
+            let cared = [k - 1, k + 1, k - side, k + side].iter().all(|k| template.care[*k]);
+            let Some(residual) = residuals[k].filter(|_| cared) else { continue };
+            let slope = |a: usize, b: usize| f64::from(template.grey[b] - template.grey[a]);
+            let pull = Vector2::new(slope(k - 1, k + 1), slope(k - side, k + side)) * residual;
+            pulls[y / block][x / block] += pull;
+            independent += pull.norm_squared();
         }
-        let inflation = weighed / (variance * white);
+        let together: f64 = pulls.iter().flatten().map(|pull| pull.norm_squared()).sum();
+        let inflation = together / independent;
         if inflation.is_finite() { inflation.clamp(1.0, LARGEST_INFLATION) } else { 1.0 }
     }
 
@@ -190,8 +173,10 @@ impl Correlator {
     }
 }
 
-/// Noise that is alike over many cells is no noise but another picture.
-const LARGEST_INFLATION: f64 = 25.0;
+/// Blocks along a side of a template.
+const BLOCKS: usize = 8;
+/// What is alike over more cells is no noise but another picture.
+const LARGEST_INFLATION: f64 = 100.0;
 
 /// Sums over a run: of products, of the window's values about a reference, and of their squares.
 fn run(values: &[f32], grey: &[f32], reference: f32) -> (f32, f32, f32) {
@@ -258,7 +243,7 @@ mod tests {
     use crate::interior::template::Placing;
 
     fn template(centre: Vector2<f64>) -> Template {
-        let placing = Placing { cells_from_mm: Matrix2::new(30.0, 0.0, 0.0, -30.0), centre, blur: 0.7 };
+        let placing = Placing { cells_from_mm: Matrix2::new(30.0, 0.0, 0.0, -30.0), centre, blur: 0.7, core: false };
         Template::draw(&Mark::Library(Library::WildRc10), &placing)
     }
 

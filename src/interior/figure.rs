@@ -12,8 +12,8 @@ enum Shape {
     Disc { radius: f64 },
     /// About the origin, by the radius of its middle line.
     Ring { radius: f64, width: f64 },
-    /// A straight bar.
-    Bar { from: [f64; 2], to: [f64; 2], width: f64 },
+    /// A straight bar: its middle, its direction, and half of its length and width.
+    Bar { middle: [f64; 2], along: [f64; 2], half: [f64; 2] },
     /// Where all of these are at least 0: `a x + b y + c`, with (a, b) of unit length; unused ones are `ALWAYS`.
     Convex([[f64; 3]; 4]),
 }
@@ -29,7 +29,15 @@ pub(super) struct Figure {
     care: Vec<Shape>,
     /// Nothing of the mark is farther from its centre than this in x or y.
     pub(super) extent_mm: f64,
+    /// Radius of the mark itself, without what surrounds it.
+    pub(super) core_mm: f64,
+    /// Whether it is nothing but edges between the dark frame and the image, whose brightness is anything: on the lowest
+    /// level only a band along them counts.
+    pub(super) edges: bool,
 }
+
+/// Half width of that band.
+pub(super) const EDGE_BAND_MM: f64 = 0.3;
 
 /// The wedge of the RMK: half-width per length from its tip, and where the tip is.
 const WEDGE_SLOPE: f64 = 0.6;
@@ -62,7 +70,7 @@ impl Figure {
             Library::ZeissRmkTop => {
                 let mut shapes = upright_arms(0.95, 1.7, 0.08);
                 let corners = [[-0.8, -0.8], [0.8, -0.8], [0.8, 0.8], [-0.8, 0.8]];
-                let side = |k: usize| Shape::Bar { from: corners[k], to: corners[(k + 1) % 4], width: 0.08 };
+                let side = |k: usize| bar(corners[k], corners[(k + 1) % 4], 0.08);
                 shapes.extend((0..4).map(|k| bright(side(k))));
                 shapes.push(bright(Shape::Disc { radius: 0.10 }));
                 Self::on_dark(shapes, square(2.0), 2.0)
@@ -71,7 +79,7 @@ impl Figure {
             Library::FairchildPinhole => Self::pinhole(),
             Library::FairchildWing => Self::wing(),
             Library::Arrow => {
-                let shaft = Shape::Bar { from: [-1.5, 0.0], to: [0.2, 0.0], width: 0.5 };
+                let shaft = bar([-1.5, 0.0], [0.2, 0.0], 0.5);
                 // through (1.5, 0) and (0.2, +-0.9)
                 let head = Shape::Convex([
                     [1.0, 0.0, -0.2],
@@ -82,14 +90,14 @@ impl Figure {
                 Self::on_dark(vec![bright(shaft), bright(head)], square(2.2), 2.2)
             }
             Library::Bar => {
-                let bar = Shape::Bar { from: [-2.0, 0.0], to: [2.0, 0.0], width: 0.6 };
-                Self::on_dark(vec![bright(bar)], rectangle(-3.0, 3.0, -1.2, 1.2), 3.0)
+                let middle = bar([-2.0, 0.0], [2.0, 0.0], 0.6);
+                Self::on_dark(vec![bright(middle)], rectangle(-3.0, 3.0, -1.2, 1.2), 3.0)
             }
         }
     }
 
     fn on_dark(shapes: Vec<(Shape, f64)>, care: Shape, extent_mm: f64) -> Self {
-        Self { ground: DARK, shapes, care: vec![care], extent_mm }
+        Self { ground: DARK, shapes, care: vec![care], extent_mm, core_mm: extent_mm, edges: false }
     }
 
     /// The image beside the wedge is taken as medium grey, and only a band of it counts.
@@ -100,20 +108,29 @@ impl Figure {
             Shape::Convex([edge(1.0), edge(-1.0), [-1.0, 0.0, 3.0], ALWAYS])
         };
         let shapes = vec![(between(0.0), DARK), bright(Shape::Disc { radius: 0.12 })];
-        Self { ground: 0.5, shapes, care: vec![between(0.5)], extent_mm: 3.5 }
+        Self { ground: 0.5, shapes, care: vec![between(0.5)], extent_mm: 3.5, core_mm: 0.7, edges: false }
     }
 
-    /// What the notch shows is anything, so it does not count.
+    /// What the notch shows is anything, so it does not count; beside the tongue is the image.
     fn pinhole() -> Self {
-        let shapes = vec![bright(Shape::Disc { radius: 0.12 })];
-        let care = vec![Shape::Disc { radius: 0.9 }, rectangle(1.0, 2.5, 1.2, 2.4), rectangle(1.0, 2.5, -2.4, -1.2)];
-        Self { ground: DARK, shapes, care, extent_mm: 2.5 }
+        let frame = [rectangle(1.0, 2.5, 1.2, 2.4), rectangle(1.0, 2.5, -2.4, -1.2)];
+        let tongue = Shape::Disc { radius: 0.9 };
+        let shapes = vec![(frame[0], DARK), (frame[1], DARK), (tongue, DARK), bright(Shape::Disc { radius: 0.12 })];
+        let care = vec![tongue, frame[0], frame[1], rectangle(-1.3, 0.3, -1.3, 1.3)];
+        Self { ground: 0.5, shapes, care, extent_mm: 2.5, core_mm: 0.8, edges: false }
     }
 
     fn wing() -> Self {
         let root = 0.577_f64.hypot(1.0);
         let dark = Shape::Convex([[1.0 / root, -0.577 / root, 0.0], [1.0 / root, 0.577 / root, 0.0], ALWAYS, ALWAYS]);
-        Self { ground: 0.6, shapes: vec![(dark, DARK)], care: vec![Shape::Disc { radius: 2.5 }], extent_mm: 2.5 }
+        Self {
+            ground: 0.6,
+            shapes: vec![(dark, DARK)],
+            care: vec![Shape::Disc { radius: 2.5 }],
+            extent_mm: 2.5,
+            core_mm: 2.5,
+            edges: true,
+        }
     }
 
     /// The brightness at a place, 0 to 1, under a Gaussian blur.
@@ -128,6 +145,12 @@ impl Figure {
     pub(super) fn cares(&self, place_mm: Vector2<f64>) -> bool {
         self.care.iter().any(|shape| shape.depth(place_mm) > 0.0)
     }
+
+    /// Whether it belongs to the mark itself, without its surroundings.
+    pub(super) fn is_core(&self, place_mm: Vector2<f64>) -> bool {
+        let near_edge = || self.shapes.iter().any(|(shape, _)| shape.depth(place_mm).abs() < EDGE_BAND_MM);
+        place_mm.norm() <= self.core_mm && (!self.edges || near_edge())
+    }
 }
 
 fn bright(shape: Shape) -> (Shape, f64) {
@@ -136,7 +159,17 @@ fn bright(shape: Shape) -> (Shape, f64) {
 
 fn arm(direction_deg: f64, from: f64, to: f64, width: f64) -> Shape {
     let (sin, cos) = direction_deg.to_radians().sin_cos();
-    Shape::Bar { from: [from * cos, from * sin], to: [to * cos, to * sin], width }
+    bar([from * cos, from * sin], [to * cos, to * sin], width)
+}
+
+fn bar(from: [f64; 2], to: [f64; 2], width: f64) -> Shape {
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    let length = dx.hypot(dy);
+    Shape::Bar {
+        middle: [(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0],
+        along: [dx / length, dy / length],
+        half: [length / 2.0, width / 2.0],
+    }
 }
 
 fn upright_arms(from: f64, to: f64, width: f64) -> Vec<(Shape, f64)> {
@@ -167,12 +200,10 @@ impl Shape {
         match *self {
             Self::Disc { radius } => within(place.norm(), radius),
             Self::Ring { radius, width } => within(place.norm() - radius, width / 2.0),
-            Self::Bar { from, to, width } => {
-                let (from, to) = (Vector2::from(from), Vector2::from(to));
-                let along = (to - from).normalize();
-                let from_middle = place - (from + to) / 2.0;
-                let (s, t) = (along.dot(&from_middle), along.perp(&from_middle));
-                within(s, (to - from).norm() / 2.0) * within(t, width / 2.0)
+            Self::Bar { middle, along, half } => {
+                let (x, y) = (place.x - middle[0], place.y - middle[1]);
+                let across = within(along[0] * y - along[1] * x, half[1]);
+                if across > 0.0 { across * within(along[0] * x + along[1] * y, half[0]) } else { 0.0 }
             }
             Self::Convex(_) => normal(self.depth(place) / blur),
         }
@@ -183,7 +214,11 @@ impl Shape {
         match *self {
             Self::Disc { radius } => radius - place.norm(),
             Self::Ring { radius, width } => width / 2.0 - (place.norm() - radius).abs(),
-            Self::Bar { .. } => self.covers(place, 1e-6) - 0.5,
+            Self::Bar { middle, along, half } => {
+                let (x, y) = (place.x - middle[0], place.y - middle[1]);
+                let (s, t) = (along[0] * x + along[1] * y, along[0] * y - along[1] * x);
+                (half[0] - s.abs()).min(half[1] - t.abs())
+            }
             Self::Convex(sides) => {
                 sides.iter().map(|[a, b, c]| a * place.x + b * place.y + c).fold(f64::INFINITY, f64::min)
             }
@@ -191,11 +226,14 @@ impl Shape {
     }
 }
 
+/// Beyond so many standard deviations there is nothing.
+const FARTHEST: f64 = 5.0;
+
 /// The normal distribution.
 fn normal(deviate: f64) -> f64 {
-    if deviate > 6.0 {
+    if deviate > FARTHEST {
         1.0
-    } else if deviate < -6.0 {
+    } else if deviate < -FARTHEST {
         0.0
     } else {
         0.5 * (1.0 + erf(deviate * std::f64::consts::FRAC_1_SQRT_2))

@@ -54,3 +54,10 @@ pub enum Mark {
     /// One that a user cut from a scan.
     Cut(Cut),
 }
+
+impl Mark {
+    /// Whether the mark is nothing but edges between the frame and the image.
+    pub(super) fn is_edges(&self) -> bool {
+        matches!(self, Self::Library(Library::FairchildWing))
+    }
+}

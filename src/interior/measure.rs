@@ -2,8 +2,10 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::binary::local_mean;
 use super::consensus::Similarity;
 use super::correlation::{Correlator, Fit};
+use super::figure::EDGE_BAND_MM;
 use super::plate::Fiducial;
 use super::search::{pixel, pixels_from_mark};
 use super::template::{Placing, Template};
@@ -41,6 +43,9 @@ pub(super) struct Measurement<'a> {
     window: GreyWindow,
     sign: f64,
     at_px: Vector2<f64>,
+    /// Half side of the surroundings, in cells, to whose mean and contrast everything is brought: for marks that are
+    /// nothing but edges of an image that is bright here and dark there.
+    even_out: Option<usize>,
 }
 
 impl<'a> Measurement<'a> {
@@ -53,15 +58,21 @@ impl<'a> Measurement<'a> {
         negative: bool,
     ) -> Result<Self, PictureError> {
         let pixels_from_mark = pixels_from_mark(similarity, fiducial.rotation_rad);
-        let placing = Placing { cells_from_mm: pixels_from_mark, centre: Vector2::zeros(), blur: BLURS_PX[1] };
+        let placing =
+            Placing { cells_from_mm: pixels_from_mark, centre: Vector2::zeros(), blur: BLURS_PX[1], core: true };
         let half = (Template::half_of(&fiducial.mark, &placing) + MARGIN_PX) as f64;
         let size_px = picture.size_px();
         let bound = |value: f64, axis: usize| value.floor().clamp(0.0, f64::from(size_px[axis])) as u32;
         let (left, top) = (bound(at_px.x - half, 0), bound(at_px.y - half, 1));
         let (right, bottom) = (bound(at_px.x + half + 1.0, 0), bound(at_px.y + half + 1.0, 1));
         let rect = PixelRect { x: left, y: top, width: right - left, height: bottom - top };
-        let window = picture.window(rect, 1)?;
-        Ok(Self { fiducial, pixels_from_mark, window, sign: if negative { -1.0 } else { 1.0 }, at_px })
+        let mut window = picture.window(rect, 1)?;
+        let px_per_mm = pixels_from_mark.determinant().abs().sqrt();
+        let even_out = fiducial.mark.is_edges().then_some((EDGE_BAND_MM * px_per_mm).ceil() as usize);
+        if let Some(around) = even_out {
+            window.grey = evened_out(&window.grey, window.width, window.height, around, FAINT_GREY);
+        }
+        Ok(Self { fiducial, pixels_from_mark, window, even_out, sign: if negative { -1.0 } else { 1.0 }, at_px })
     }
 
     /// The cell that a place lies in, and where in it, from its middle.
@@ -73,7 +84,13 @@ impl<'a> Measurement<'a> {
     }
 
     fn template(&self, centre: Vector2<f64>, blur: f64) -> Template {
-        Template::draw(&self.fiducial.mark, &Placing { cells_from_mm: self.pixels_from_mark, centre, blur })
+        let placing = Placing { cells_from_mm: self.pixels_from_mark, centre, blur, core: true };
+        let mut template = Template::draw(&self.fiducial.mark, &placing);
+        if let Some(around) = self.even_out {
+            let side = template.side();
+            template.grey = evened_out(&template.grey, side, side, around, 0.0);
+        }
+        template
     }
 
     /// How well the mark fits where it is thought to be, under a blur.
@@ -125,6 +142,22 @@ impl<'a> Measurement<'a> {
         }
         None
     }
+}
+
+/// Contrasts below this are not brought to those of others, grey values.
+const FAINT_GREY: f64 = 6.0;
+
+/// Every cell less the mean of its surroundings, in units of their standard deviation (and of `faint`).
+fn evened_out(grey: &[f32], width: usize, height: usize, around: usize, faint: f64) -> Vec<f32> {
+    let squares: Vec<f32> = grey.iter().map(|grey| grey * grey).collect();
+    let mean = local_mean(grey, width, height, around);
+    let square = local_mean(&squares, width, height, around);
+    let one = |k: usize| {
+        let variance = f64::from(square[k] - mean[k] * mean[k]).max(0.0) + faint * faint;
+        // to about the range of the grey values of a mark
+        if variance > 1e-9 { f64::from(grey[k] - mean[k]) / variance.sqrt() * 50.0 } else { 0.0 }
+    };
+    (0..grey.len()).map(|k| one(k) as f32).collect()
 }
 
 /// Pixels of the window that are not of the mark.

@@ -8,7 +8,7 @@ use super::judge::judge;
 use super::laying::Laying;
 use super::measure::{BLURS_PX, Measured, Measurement};
 use super::plate::Plate;
-use super::search::{Expectation, Finding, Search};
+use super::search::{Expectation, Finding, FirstLook, Search};
 use super::sensitivity::{pairs, sensitivity};
 use super::symmetry::{groups, permutation};
 use super::transformation::{Kind, Observation, Transformation};
@@ -71,18 +71,17 @@ pub fn interior_orientation(
 
 /// The group of layings whose marks fit best.
 fn best_finding(search: &mut Search, wanted: &Wanted, turns: &[f64]) -> Result<Option<Finding>, PictureError> {
-    let mut best: Option<Finding> = None;
+    let mut best: Option<FirstLook> = None;
     for group in groups(search.plate) {
         let Some(laying) = group.into_iter().find(|laying| is_possible(*laying, wanted)) else { continue };
         for turn in turns {
-            let found = search.find(laying, *turn)?;
-            let score = |finding: &Option<Finding>| finding.as_ref().map_or(-1.0, |finding| finding.score);
-            if score(&found) > score(&best) {
-                best = found;
+            let look = search.look(laying, *turn)?;
+            if look.is_some_and(|look| best.is_none_or(|best| look.score > best.score)) {
+                best = look;
             }
         }
     }
-    Ok(best)
+    best.map(|best| search.look_closer(&best)).transpose()
 }
 
 fn is_possible(laying: Laying, wanted: &Wanted) -> bool {

@@ -60,6 +60,16 @@ pub(super) struct Finding {
     pub(super) score: f64,
 }
 
+/// What the upper level shows of one laying.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct FirstLook {
+    laying: Laying,
+    negative: bool,
+    similarity: Similarity,
+    /// Sum of the coefficients.
+    pub(super) score: f64,
+}
+
 impl Finding {
     pub(super) fn count(&self) -> usize {
         self.marks.iter().flatten().count()
@@ -115,17 +125,21 @@ impl<'a> Search<'a> {
         Bounds { axes: laying.axes(), px_per_mm: self.px_per_mm(), scale, rotation_rad }
     }
 
-    /// The marks under one laying, of the polarity that fits better; the templates are drawn with a turn. `None` if no
-    /// two marks agree.
-    pub(super) fn find(&mut self, laying: Laying, rotation_rad: f64) -> Result<Option<Finding>, PictureError> {
+    /// The marks under one laying on the upper level, of the polarity that fits better; the templates are drawn with a
+    /// turn. `None` if no two marks agree.
+    pub(super) fn look(&mut self, laying: Laying, rotation_rad: f64) -> Result<Option<FirstLook>, PictureError> {
         let seeds = self.seeds();
-        let mut best = self.first_look(laying, rotation_rad, &seeds)?;
+        let mut best = self.agreed(laying, rotation_rad, &seeds)?;
         let all: Vec<usize> = (0..self.plate.fiducials.len()).collect();
         if seeds.len() < all.len() && best.as_ref().is_none_or(|(found, _)| found.count() < 3) {
-            best = self.first_look(laying, rotation_rad, &all)?;
+            best = self.agreed(laying, rotation_rad, &all)?;
         }
-        let Some((found, negative)) = best else { return Ok(None) };
-        Ok(Some(self.second_look(laying, found.similarity, negative)?))
+        Ok(best.map(|(found, negative)| FirstLook {
+            laying,
+            negative,
+            similarity: found.similarity,
+            score: found.score,
+        }))
     }
 
     /// The marks that are farthest from each other.
@@ -137,7 +151,7 @@ impl<'a> Search<'a> {
         order
     }
 
-    fn first_look(
+    fn agreed(
         &mut self,
         laying: Laying,
         rotation_rad: f64,
@@ -203,7 +217,8 @@ impl<'a> Search<'a> {
     }
 
     /// All marks where the first look predicts them, on the middle level.
-    fn second_look(&self, laying: Laying, predicted: Similarity, negative: bool) -> Result<Finding, PictureError> {
+    pub(super) fn look_closer(&self, first: &FirstLook) -> Result<Finding, PictureError> {
+        let FirstLook { laying, negative, similarity: predicted, .. } = *first;
         let plate = self.plate;
         let mut candidates = Vec::new();
         for fiducial in &plate.fiducials {
@@ -275,7 +290,7 @@ fn look<'a>(fiducial: &'a Fiducial, similarity: &Similarity, reach_mm: f64) -> L
 
 fn template(look: &Look, reduction: u32, centre: Vector2<f64>, blur_px: f64) -> (Template, Option<Correlator>) {
     let r = f64::from(reduction);
-    let placing = Placing { cells_from_mm: look.pixels_from_mark / r, centre, blur: blur_px / r };
+    let placing = Placing { cells_from_mm: look.pixels_from_mark / r, centre, blur: blur_px / r, core: false };
     let template = Template::draw(look.mark, &placing);
     let correlator = Correlator::new(&template);
     (template, correlator)

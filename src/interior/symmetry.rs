@@ -46,7 +46,7 @@ fn look_alike(mark: &Fiducial, moved: &Matrix2<f64>, other: &Fiducial) -> bool {
     let drawn = |mark: &Fiducial, moved: &Matrix2<f64>| {
         let turned = moved * Rotation2::new(mark.rotation_rad).matrix();
         let cells_from_mm = Matrix2::new(CELLS_PER_MM, 0.0, 0.0, -CELLS_PER_MM) * turned;
-        Template::draw(&mark.mark, &Placing { cells_from_mm, centre: Vector2::zeros(), blur: 0.5 })
+        Template::draw(&mark.mark, &Placing { cells_from_mm, centre: Vector2::zeros(), blur: 0.5, core: false })
     };
     let (a, b) = (drawn(mark, moved), drawn(other, &Matrix2::identity()));
     if a.half != b.half {

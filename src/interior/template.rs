@@ -25,6 +25,8 @@ pub(super) struct Placing {
     pub(super) centre: Vector2<f64>,
     /// Blur of the scanner, cells, beside that of the cell itself.
     pub(super) blur: f64,
+    /// Whether only the mark itself is drawn, without its surroundings: on the lowest level.
+    pub(super) core: bool,
 }
 
 /// More cells are never drawn on one side of the middle: what is farther out is left out on the lowest level.
@@ -47,12 +49,16 @@ impl Template {
                 let blur_mm = (placing.blur.powi(2) + 1.0 / 12.0).sqrt() / scale;
                 Self::of(half, placing.centre, |from_centre| {
                     let place = mm_from_cells * from_centre;
-                    figure.cares(place).then(|| figure.grey(place, blur_mm) as f32)
+                    let belongs = figure.cares(place) && (!placing.core || figure.is_core(place));
+                    // edges are evened out, for which what is beside them is needed
+                    (belongs || figure.edges).then(|| (figure.grey(place, blur_mm) as f32, belongs))
                 })
             }
             Mark::Cut(cut) => {
                 let steps = (1.0 / (scale * cut.pixel_mm)).ceil().max(1.0);
-                Self::of(half, placing.centre, |from_centre| cut.mean(&mm_from_cells, from_centre, steps as usize))
+                Self::of(half, placing.centre, |from_centre| {
+                    cut.mean(&mm_from_cells, from_centre, steps as usize).map(|grey| (grey, true))
+                })
             }
         }
     }
@@ -60,6 +66,7 @@ impl Template {
     /// Cells from the middle to the rim of a mark that is drawn so.
     pub(super) fn half_of(mark: &Mark, placing: &Placing) -> usize {
         let extent_mm = match mark {
+            Mark::Library(library) if placing.core => Figure::of(*library).core_mm,
             Mark::Library(library) => Figure::of(*library).extent_mm,
             Mark::Cut(cut) => cut.extent_mm(),
         };
@@ -68,16 +75,17 @@ impl Template {
         ((1.1 * extent).ceil() as usize + 1).min(LARGEST_HALF)
     }
 
-    /// `grey` gives the value of a cell by the vector from the mark's centre, or nothing where it does not count.
-    fn of(half: usize, centre: Vector2<f64>, grey: impl Fn(Vector2<f64>) -> Option<f32>) -> Self {
+    /// `grey` gives the value of a cell by the vector from the mark's centre, and whether it counts.
+    fn of(half: usize, centre: Vector2<f64>, grey: impl Fn(Vector2<f64>) -> Option<(f32, bool)>) -> Self {
         let side = 2 * half + 1;
         let mut template = Self { half, grey: Vec::with_capacity(side * side), care: Vec::with_capacity(side * side) };
         for row in 0..side {
             for column in 0..side {
                 let cell = Vector2::new(column as f64 - half as f64, row as f64 - half as f64);
                 let value = grey(cell - centre);
-                template.care.push(value.is_some());
-                template.grey.push(value.unwrap_or_default());
+                let (grey, belongs) = value.unwrap_or_default();
+                template.care.push(belongs);
+                template.grey.push(grey);
             }
         }
         template
@@ -130,7 +138,7 @@ mod tests {
     use crate::interior::mark::Library;
 
     fn placing(scale: f64, centre: Vector2<f64>) -> Placing {
-        Placing { cells_from_mm: Matrix2::new(scale, 0.0, 0.0, -scale), centre, blur: 0.5 }
+        Placing { cells_from_mm: Matrix2::new(scale, 0.0, 0.0, -scale), centre, blur: 0.5, core: false }
     }
 
     /// The centre of gravity of the light near the middle, from the middle of the template.
