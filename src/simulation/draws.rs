@@ -19,6 +19,13 @@ pub(crate) enum Purpose {
     Strain = 9,
     Tolerance = 10,
     Hostility = 11,
+    FilmMixture = 21,
+    FilmPlate = 22,
+    FilmLaying = 23,
+    FilmScanner = 24,
+    FilmDirt = 25,
+    FilmCorruption = 26,
+    FilmContent = 27,
 }
 
 /// A stream of draws. A clone of it gives the same draws once more.
@@ -86,7 +93,7 @@ pub(crate) fn direction(angle_rad: f64) -> Vector2<f64> {
 }
 
 /// A well-mixed number for a cell of a grid.
-fn hash(x: i32, y: i32, seed: u32) -> u32 {
+pub(crate) fn hash(x: i32, y: i32, seed: u32) -> u32 {
     let mut h =
         (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77) ^ seed.wrapping_mul(0xC2B2_AE3D);
     h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);

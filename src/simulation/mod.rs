@@ -41,6 +41,7 @@ mod building;
 mod control;
 mod draws;
 mod files;
+pub mod film;
 mod flight;
 mod greenery;
 mod lazy;
