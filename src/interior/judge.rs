@@ -1,23 +1,31 @@
 //! The traffic light of an interior orientation (method 1.9; Schickler and Poth, section 5).
 //!
 //! Green promises two things: the film lies as stated, and no place of the image is farther than
-//! [`PROMISED_PX`] from where the transformation has it.
+//! a pixel, or 20 micrometres on the film if that is more, from where the transformation has it.
 
 use super::decide::{Basis, Decision};
 use super::{InteriorOrientation, MarkResult};
 use crate::diagnosis::{Reason, Verdict};
 
-/// What green promises.
-pub const PROMISED_PX: f64 = 1.0;
-/// Largest change of any place of the image when a mark is left out: up to this green, up to that yellow.
-const CHANGE_PX: [f64; 2] = [0.7, 2.0];
-/// Largest standard deviation of any place of the image.
-const SIGMA_PX: f64 = 0.35;
+/// What green promises: so many pixels, or so many millimetres if that is more. (Film does not hold its shape to less, so
+/// that a finer scan is no more exact.)
+const PROMISED: [f64; 2] = [1.0, 0.020];
+/// Largest change of any place of the image when a mark is left out, as a share of what is promised: up to this green, up
+/// to that yellow.
+const CHANGE: [f64; 2] = [0.7, 2.0];
+/// Largest standard deviation of any place of the image, as a share of what is promised.
+const SIGMA: f64 = 0.35;
 /// Films shrink evenly to a few per mille; more, or a shear like this, is no film but a wrong mark.
 const DIFFERENCE_OF_SCALES: f64 = 3e-3;
 const SHEAR_RAD: f64 = 3e-3;
 /// The variance factor beyond which the marks do not fit.
 const SIGMA0: f64 = 2.5;
+
+/// How far a place may be from where the transformation has it if the verdict is green.
+#[must_use]
+pub fn promised_px(pixel_mm: f64) -> f64 {
+    PROMISED[0].max(PROMISED[1] / pixel_mm)
+}
 
 /// A fault that was found, and the best verdict that it leaves.
 struct Finding(Verdict, Reason);
@@ -112,25 +120,28 @@ fn of_marks(found: &InteriorOrientation) -> Vec<Finding> {
 fn of_precision(found: &InteriorOrientation) -> Vec<Finding> {
     let Some(transformation) = &found.transformation else { return Vec::new() };
     let mut findings = Vec::new();
+    let promised_px = promised_px(found.pixel_mm);
+    let [change_px, hopeless_px] = CHANGE.map(|share| share * promised_px);
+    let sigma_px = SIGMA * promised_px;
     match found.largest_change_px {
         None => {
             let detail = "the marks only just determine the transformation: nothing would show that one is wrong";
             findings.push(finding(Verdict::Yellow, "unchecked", detail.to_owned()));
         }
-        Some(change) if change > CHANGE_PX[0] => {
-            let verdict = if change > CHANGE_PX[1] { Verdict::Red } else { Verdict::Yellow };
+        Some(change) if change > change_px => {
+            let verdict = if change > hopeless_px { Verdict::Red } else { Verdict::Yellow };
             let detail = format!(
-                "places of the image may move by up to {change:.2} px if one mark is left out ({:.1} at most are wanted)",
-                CHANGE_PX[0]
+                "places of the image may move by up to {change:.2} px if one mark is left out ({change_px:.2} at most are \
+                 wanted)"
             );
             findings.push(finding(verdict, "depends_on_one_mark", detail));
         }
         Some(_) => {}
     }
-    if found.largest_sigma_px > SIGMA_PX {
+    if found.largest_sigma_px > sigma_px {
         let detail = format!(
-            "the transformation is known to {:.2} px (standard deviation) in the worst place of the image, {SIGMA_PX} px \
-             is wanted",
+            "the transformation is known to {:.2} px (standard deviation) in the worst place of the image, \
+             {sigma_px:.2} px is wanted",
             found.largest_sigma_px
         );
         findings.push(finding(Verdict::Yellow, "imprecise", detail));

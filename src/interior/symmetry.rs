@@ -9,11 +9,13 @@ use super::template::{Placing, Template};
 use crate::features::GreyWindow;
 
 /// Marks are at the same place if they are nearer than this: what the calibration adds to the design is a few
-/// hundredths of a millimetre, and some makers' marks are a millimetre off.
-const SAME_PLACE_MM: f64 = 1.5;
+/// hundredths of a millimetre, and the search allows for no more.
+const SAME_PLACE_MM: f64 = 0.25;
 /// Cells for a millimetre when the looks of marks are compared, and the coefficient from which they look alike.
-const CELLS_PER_MM: f64 = 10.0;
+const CELLS_PER_MM: f64 = 9.7;
 const ALIKE: f64 = 0.97;
+/// Cells that belong to one of them only, as a share.
+const MOST_DIFFERENT: f64 = 0.1;
 
 /// The layings in groups: within one the marks alone, but for the last micrometres, do not tell which it is.
 pub(super) fn groups(plate: &Plate) -> Vec<Vec<Laying>> {
@@ -48,15 +50,17 @@ fn look_alike(mark: &Fiducial, moved: &Matrix2<f64>, other: &Fiducial) -> bool {
         let cells_from_mm = Matrix2::new(CELLS_PER_MM, 0.0, 0.0, -CELLS_PER_MM) * turned;
         Template::draw(&mark.mark, &Placing { cells_from_mm, centre: Vector2::zeros(), blur: 0.5, core: false })
     };
-    let (a, b) = (drawn(mark, moved), drawn(other, &Matrix2::identity()));
+    let (mut a, b) = (drawn(mark, moved), drawn(other, &Matrix2::identity()));
     if a.half != b.half {
         return false;
     }
+    let differ = a.care.iter().zip(&b.care).filter(|(a, b)| a != b).count();
+    // cells on the rim may belong to the one and not to the other
+    a.care.iter_mut().zip(&b.care).for_each(|(a, b)| *a &= *b);
     let side = b.side();
     let window = GreyWindow { origin_px: [0, 0], reduction: 1, width: side, height: side, grey: b.grey };
     let fit = Correlator::new(&a).and_then(|correlator| correlator.fit(&window, [a.half; 2]));
-    let cares = a.care.iter().zip(&b.care).filter(|(a, b)| a != b).count();
-    fit.is_some_and(|fit| fit.rho > ALIKE) && (cares as f64) < 0.1 * (side * side) as f64
+    fit.is_some_and(|fit| fit.rho > ALIKE) && (differ as f64) < MOST_DIFFERENT * a.count() as f64
 }
 
 #[cfg(test)]
