@@ -26,6 +26,7 @@ pub(crate) enum Purpose {
     FilmDirt = 25,
     FilmCorruption = 26,
     FilmContent = 27,
+    FilmStrain = 28,
 }
 
 /// A stream of draws. A clone of it gives the same draws once more.

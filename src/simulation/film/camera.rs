@@ -98,6 +98,11 @@ impl FilmCamera {
         matches!(self, Self::ZeissRmk | Self::FairchildT11 | Self::FairchildK17)
     }
 
+    /// Whether the marks may lie in dark pieces that are joined to the frame.
+    pub(super) fn has_dark_pieces(self) -> bool {
+        matches!(self, Self::WildRc5 | Self::WildRc10 | Self::WildRc20 | Self::LeicaRc30)
+    }
+
     /// Where the marks are by design, and how they are turned.
     fn design(self) -> Vec<(Vector2<f64>, f64)> {
         let corners = self

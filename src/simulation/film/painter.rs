@@ -2,8 +2,12 @@
 
 use nalgebra::Vector2;
 
-use super::shape::{Blot, Brush, FELT_SIGMAS};
+use super::shape::{Blot, Brush};
 use super::sheet::Sheet;
+use crate::simulation::draws::value_noise;
+
+/// The fog of all films is the same: nobody looks for it.
+const FOG_SEED: u32 = 0xF06;
 
 /// Where a block lies with respect to the opening of the frame.
 #[derive(Debug)]
@@ -28,8 +32,8 @@ pub(super) struct Painter {
 impl Painter {
     /// For places within a distance of the block's centre, seen with a blur.
     pub(super) fn new(sheet: &Sheet, negative: bool, centre_mm: Vector2<f64>, radius_mm: f64, sigma_mm: f64) -> Self {
-        let near = |blot: &Blot| blot.depth_mm(centre_mm) > -(radius_mm + FELT_SIGMAS * blot.sigma_mm(sigma_mm));
-        let fills = |blot: &Blot| blot.depth_mm(centre_mm) > radius_mm + FELT_SIGMAS * blot.sigma_mm(sigma_mm);
+        let near = |blot: &Blot| blot.is_near(centre_mm, radius_mm, sigma_mm);
+        let fills = |blot: &Blot| blot.fills(centre_mm, radius_mm, sigma_mm);
         let brush = |blot: &Blot| Brush::new(blot, sigma_mm);
         let exposure = if sheet.openings.iter().any(fills) {
             Exposure::Whole
@@ -72,13 +76,18 @@ impl Painter {
         self.cover.iter().fold(film, |light, brush| brush.over(light, place_mm))
     }
 
+    /// Film that saw no light is not quite even.
+    fn unexposed(&self, place_mm: Vector2<f64>) -> f32 {
+        self.dark + 0.01 * value_noise(place_mm.x * 0.25, place_mm.y * 0.25, FOG_SEED)
+    }
+
     fn film(&self, content: f32, place_mm: Vector2<f64>) -> f32 {
         let exposed = match &self.exposure {
             Exposure::Whole => content,
-            Exposure::None => self.dark,
+            Exposure::None => self.unexposed(place_mm),
             Exposure::Partly(openings) => {
                 let shut = openings.iter().fold(1.0, |shut, opening| shut * (1.0 - opening.coverage(place_mm)));
-                content + shut * (self.dark - content)
+                content + shut * (self.unexposed(place_mm) - content)
             }
         };
         let light = self.figures.iter().fold(exposed, |light, brush| brush.over(light, place_mm));

@@ -13,12 +13,17 @@ use crate::features::{GreyWindow, Picture, PictureError, PixelRect};
 use crate::interior::Plate;
 use crate::simulation::draws::{Draws, Purpose};
 
-/// Pixels along a side of the blocks whose figures are collected together.
-const BLOCK_PX: u32 = 32;
-/// Pixels between the places where what changes slowly is worked out.
+/// Pixels along a side of the blocks whose figures are collected together, and of the zones that hold such blocks.
+const BLOCK_PX: u32 = 16;
+const ZONE_PX: u32 = 256;
+/// Pixels between the places where what changes slowly is worked out, and how many of them there are along a block.
 const LAND_PX: u32 = 8;
-/// Cells along a side of a block of reduced cells.
-const BLOCK_CELLS: usize = 8;
+const LANDS: usize = (BLOCK_PX / LAND_PX) as usize + 1;
+/// The same in cells, for reduced windows.
+const BLOCK_CELLS: u32 = 4;
+const ZONE_CELLS: u32 = 32;
+/// A little more than the square root of 2: half a square's diagonal by half its side.
+const DIAGONAL: f64 = 1.42;
 /// Rows of pixels that are rendered at once; a multiple of all reductions that are exact.
 const BAND_PX: u32 = 96;
 /// Up to this reduction the cells are exact means of pixels.
@@ -52,7 +57,25 @@ pub struct SimulatedScan<'a> {
     sheet: Sheet,
     tone: Tone,
     image: Image<'a>,
+    /// One by half the width and height.
+    per_half: [f32; 2],
 }
+
+/// Pixels in the making.
+struct Target {
+    rect: PixelRect,
+    content: Vec<f32>,
+    grey: Vec<f32>,
+}
+
+impl Target {
+    fn index(&self, x: u32, y: u32) -> usize {
+        (y - self.rect.y) as usize * self.rect.width as usize + (x - self.rect.x) as usize
+    }
+}
+
+/// What changes slowly, row by row over a block.
+type Lands = [[Land; LANDS]; LANDS];
 
 impl<'a> SimulatedScan<'a> {
     /// Draws a scan; nothing is rendered yet. Its content is a texture from the same seed.
@@ -76,7 +99,8 @@ impl<'a> SimulatedScan<'a> {
         let sheet = Sheet::draw(settings, &plate, &tone, seed);
         let truth = truth(settings, &plate, &sheet, &layout);
         let image = Image::Texture(texture(seed));
-        Self { plate: plate.known, truth, layout, sheet, tone, image }
+        let per_half = layout.size_px.map(|side_px| 2.0 / side_px as f32);
+        Self { plate: plate.known, truth, layout, sheet, tone, image, per_half }
     }
 
     /// The same with other content.
@@ -120,73 +144,73 @@ impl<'a> SimulatedScan<'a> {
 
     /// Grey values before rounding, row by row, of a rectangle within the scan.
     pub(super) fn pixels(&self, rect: PixelRect) -> Vec<f32> {
-        let mut grey = vec![0.0; rect.width as usize * rect.height as usize];
         let content = match &self.image {
             Image::Rendered(rendering) => rendering(rect, 1).grey,
             Image::Texture(_) => Vec::new(),
         };
-        let mut grain = Vec::new();
-        for block in blocks(rect) {
-            self.block(block, rect, &content, &mut grey);
-            if !self.tone.smooth() {
-                let size = [block.width as usize, block.height as usize];
-                self.tone.grain([block.x, block.y], size, &mut grain);
-                for (row, grain) in grain.chunks(size[0]).enumerate() {
-                    let start = (block.y - rect.y) as usize + row;
-                    let start = start * rect.width as usize + (block.x - rect.x) as usize;
-                    grey[start..start + size[0]].iter_mut().zip(grain).for_each(|(grey, grain)| *grey += grain);
-                }
+        let mut target = Target { rect, content, grey: vec![0.0; rect.width as usize * rect.height as usize] };
+        for zone in tiles(rect, ZONE_PX) {
+            let sheet = self.near(zone);
+            for block in tiles(zone, BLOCK_PX) {
+                self.block(block, &sheet, &mut target);
             }
         }
-        grey
+        self.tone.add_grain(rect, &mut target.grey);
+        target.grey
     }
 
-    /// The pixels of a block without grain, into the window that it is part of.
-    fn block(&self, block: PixelRect, rect: PixelRect, content: &[f32], grey: &mut [f32]) {
+    /// The part of the film that may be felt in a rectangle.
+    fn near(&self, rect: PixelRect) -> Sheet {
+        let centre = |from: u32, length: u32| f64::from(from) + 0.5 * f64::from(length);
+        let centre_mm = self.plate_at(centre(rect.x, rect.width), centre(rect.y, rect.height));
+        let pixel_mm = self.layout.pixel_mm();
+        let longer_px = f64::from(rect.width.max(rect.height));
+        // more than half a diagonal, and a blur of a pixel and more, for reduced cells
+        self.sheet.near(centre_mm, 0.72 * longer_px * pixel_mm, 0.05 * longer_px * pixel_mm + 2.0 * pixel_mm)
+    }
+
+    /// The pixels of a block without grain.
+    fn block(&self, block: PixelRect, sheet: &Sheet, target: &mut Target) {
+        // all pixels of the raster's block see the same figures, in whatever window they are
         let (left, top) = (block.x - block.x % BLOCK_PX, block.y - block.y % BLOCK_PX);
         let half_px = 0.5 * f64::from(BLOCK_PX);
         let centre_mm = self.plate_at(f64::from(left) + half_px, f64::from(top) + half_px);
         let pixel_mm = self.layout.pixel_mm();
-        let radius_mm = half_px * pixel_mm * 1.42;
         let sigma_mm = (self.tone.blur_px.powi(2) + 1.0 / 12.0).sqrt() * pixel_mm;
-        let painter = Painter::new(&self.sheet, self.truth.negative, centre_mm, radius_mm, sigma_mm);
-        let lands = match &self.image {
-            Image::Texture(texture) if painter.shows_content() => self.lands(texture, left, top),
-            _ => Vec::new(),
+        let painter = Painter::new(sheet, self.truth.negative, centre_mm, half_px * pixel_mm * DIAGONAL, sigma_mm);
+        let texture = match &self.image {
+            Image::Texture(texture) if painter.shows_content() => Some((texture, self.lands(texture, left, top))),
+            _ => None,
         };
-        let [right_mm, down_mm] = self.layout.steps_mm();
-        let corner_mm = self.plate_at(0.5, 0.5);
+        let right_mm = self.layout.steps_mm()[0];
         for y in block.y..block.y + block.height {
-            let row_mm = corner_mm + down_mm * f64::from(y);
-            let start = (y - rect.y) as usize * rect.width as usize;
-            for x in block.x..block.x + block.width {
+            let row_mm = self.plate_at(0.5, f64::from(y) + 0.5);
+            let start = target.index(block.x, y);
+            let lands = texture.as_ref().map(|(texture, lands)| (texture, between(lands, y - top)));
+            for (index, x) in (start..).zip(block.x..block.x + block.width) {
                 let place_mm = row_mm + right_mm * f64::from(x);
-                let index = start + (x - rect.x) as usize;
-                let content = match &self.image {
-                    Image::Texture(texture) if !lands.is_empty() => {
-                        texture.grey(place_mm, &between(&lands, x - left, y - top), pixel_mm)
-                    }
-                    Image::Texture(_) => 0.0,
-                    Image::Rendered(_) => content.get(index).map_or(0.0, |grey| grey / 255.0),
+                let content = match &lands {
+                    Some((texture, lands)) => texture.grey(place_mm, &along(lands, x - left), pixel_mm),
+                    None => target.content.get(index).map_or(0.0, |grey| grey / 255.0),
                 };
-                let light = painter.light(content, place_mm) * self.light_at(f64::from(x), f64::from(y));
-                grey[index] = self.tone.grey(light);
+                let light = painter.light(content, place_mm) * self.light_at(x as f32, y as f32);
+                target.grey[index] = self.tone.grey(light);
             }
         }
     }
 
     /// What changes slowly, at the corners of the parts of a block.
-    fn lands(&self, texture: &Texture, left: u32, top: u32) -> Vec<Land> {
-        let along = BLOCK_PX / LAND_PX + 1;
-        (0..along * along)
-            .map(|k| (left + k % along * LAND_PX, top + k / along * LAND_PX))
-            .map(|(x, y)| texture.land(self.plate_at(f64::from(x) + 0.5, f64::from(y) + 0.5)))
-            .collect()
+    fn lands(&self, texture: &Texture, left: u32, top: u32) -> Lands {
+        let land = |column: usize, row: usize| {
+            let at = |first: u32, part: usize| f64::from(first + part as u32 * LAND_PX) + 0.5;
+            texture.land(self.plate_at(at(left, column), at(top, row)), self.layout.pixel_mm())
+        };
+        std::array::from_fn(|row| std::array::from_fn(|column| land(column, row)))
     }
 
-    fn light_at(&self, x_px: f64, y_px: f64) -> f32 {
-        let [width, height] = self.layout.size_px.map(f64::from);
-        self.tone.light((2.0 * x_px / width - 1.0) as f32, (2.0 * y_px / height - 1.0) as f32)
+    fn light_at(&self, x_px: f32, y_px: f32) -> f32 {
+        let [right, down] = self.per_half;
+        self.tone.light(x_px * right - 1.0, y_px * down - 1.0)
     }
 
     /// The means of exact pixels.
@@ -213,28 +237,34 @@ impl<'a> SimulatedScan<'a> {
             Image::Rendered(rendering) => rendering(rect, reduction).grey,
             Image::Texture(_) => Vec::new(),
         };
-        for top in (0..window.height).step_by(BLOCK_CELLS) {
-            for left in (0..window.width).step_by(BLOCK_CELLS) {
-                self.cell_block([left, top], reduction, &content, window);
+        for zone in
+            tiles(PixelRect { x: 0, y: 0, width: window.width as u32, height: window.height as u32 }, ZONE_CELLS)
+        {
+            let [x, y] = [rect.x + zone.x * reduction, rect.y + zone.y * reduction];
+            let in_pixels = PixelRect { x, y, width: zone.width * reduction, height: zone.height * reduction };
+            let sheet = self.near(in_pixels);
+            for block in tiles(zone, BLOCK_CELLS) {
+                self.cell_block(block, &sheet, &content, window);
             }
         }
     }
 
-    fn cell_block(&self, [left, top]: [usize; 2], reduction: u32, content: &[f32], window: &mut GreyWindow) {
+    /// The cells of a block, which counts in cells of the window.
+    fn cell_block(&self, block: PixelRect, sheet: &Sheet, content: &[f32], window: &mut GreyWindow) {
+        let reduction = window.reduction;
         let cell_px = f64::from(reduction);
-        let centre =
-            |first: usize, origin: u32| f64::from(origin) + (first as f64 + 0.5 * BLOCK_CELLS as f64) * cell_px;
-        let centre_mm = self.plate_at(centre(left, window.origin_px[0]), centre(top, window.origin_px[1]));
+        let half = 0.5 * f64::from(BLOCK_CELLS);
+        let centre = |first: u32, origin: u32| f64::from(origin) + (f64::from(first) + half) * cell_px;
+        let centre_mm = self.plate_at(centre(block.x, window.origin_px[0]), centre(block.y, window.origin_px[1]));
         let pixel_mm = self.layout.pixel_mm();
-        let radius_mm = 0.5 * BLOCK_CELLS as f64 * cell_px * pixel_mm * 1.42;
         let spot_px = cell_px / f64::from(SPOTS);
         let sigma_mm = (self.tone.blur_px.powi(2) + spot_px * spot_px / 12.0).sqrt() * pixel_mm;
-        let painter = Painter::new(&self.sheet, self.truth.negative, centre_mm, radius_mm, sigma_mm);
-        for row in top..(top + BLOCK_CELLS).min(window.height) {
-            for column in left..(left + BLOCK_CELLS).min(window.width) {
-                let x = window.origin_px[0] + column as u32 * reduction;
-                let y = window.origin_px[1] + row as u32 * reduction;
-                let index = row * window.width + column;
+        let radius_mm = half * cell_px * pixel_mm * DIAGONAL;
+        let painter = Painter::new(sheet, self.truth.negative, centre_mm, radius_mm, sigma_mm);
+        for row in block.y..block.y + block.height {
+            for column in block.x..block.x + block.width {
+                let (x, y) = (window.origin_px[0] + column * reduction, window.origin_px[1] + row * reduction);
+                let index = row as usize * window.width + column as usize;
                 let grey = self.cell([x, y], reduction, content.get(index).copied(), &painter);
                 window.grey[index] = (grey + self.tone.cell_grain([x, y], reduction)).clamp(0.0, 255.0);
             }
@@ -243,7 +273,7 @@ impl<'a> SimulatedScan<'a> {
 
     fn cell(&self, [x, y]: [u32; 2], reduction: u32, given: Option<f32>, painter: &Painter) -> f32 {
         let (x, y, cell_px) = (f64::from(x), f64::from(y), f64::from(reduction));
-        let uneven = self.light_at(x + 0.5 * cell_px, y + 0.5 * cell_px);
+        let uneven = self.light_at((x + 0.5 * cell_px) as f32, (y + 0.5 * cell_px) as f32);
         let spots = |along: u32| {
             let spot_px = cell_px / f64::from(along);
             (0..along * along).map(move |k| {
@@ -253,8 +283,9 @@ impl<'a> SimulatedScan<'a> {
         };
         let content = match &self.image {
             Image::Texture(texture) if painter.shows_content() => {
-                let land = texture.land(self.plate_at(x + 0.5 * cell_px, y + 0.5 * cell_px));
-                let spot_mm = cell_px / f64::from(CONTENT_SPOTS) * self.layout.pixel_mm();
+                let cell_mm = cell_px * self.layout.pixel_mm();
+                let land = texture.land(self.plate_at(x + 0.5 * cell_px, y + 0.5 * cell_px), cell_mm);
+                let spot_mm = cell_mm / f64::from(CONTENT_SPOTS);
                 let sum: f32 = spots(CONTENT_SPOTS).map(|place_mm| texture.grey(place_mm, &land, spot_mm)).sum();
                 sum / (CONTENT_SPOTS * CONTENT_SPOTS) as f32
             }
@@ -293,14 +324,15 @@ impl Picture for SimulatedScan<'_> {
 
 /// As a scanner stores it in 8 bits.
 pub(super) fn rounded(grey: f32) -> f32 {
-    (grey + 0.5).floor().clamp(0.0, 255.0)
+    // the conversion cuts off at both ends
+    f32::from((grey + 0.5) as u8)
 }
 
-/// The parts of a rectangle in the raster of blocks.
-fn blocks(rect: PixelRect) -> impl Iterator<Item = PixelRect> {
-    let cuts = |from: u32, length: u32| {
-        (from / BLOCK_PX..(from + length).div_ceil(BLOCK_PX)).map(move |k| {
-            let (low, high) = ((k * BLOCK_PX).max(from), ((k + 1) * BLOCK_PX).min(from + length));
+/// The parts of a rectangle in a raster of squares.
+fn tiles(rect: PixelRect, side: u32) -> impl Iterator<Item = PixelRect> {
+    let cuts = move |from: u32, length: u32| {
+        (from / side..(from + length).div_ceil(side)).map(move |k| {
+            let (low, high) = ((k * side).max(from), ((k + 1) * side).min(from + length));
             (low, high - low)
         })
     };
@@ -308,14 +340,16 @@ fn blocks(rect: PixelRect) -> impl Iterator<Item = PixelRect> {
         .flat_map(move |(y, height)| cuts(rect.x, rect.width).map(move |(x, width)| PixelRect { x, y, width, height }))
 }
 
-/// What changes slowly, at a pixel of a block.
-fn between(lands: &[Land], x: u32, y: u32) -> Land {
-    let along = (BLOCK_PX / LAND_PX + 1) as usize;
-    let (i, j) = ((x / LAND_PX) as usize, (y / LAND_PX) as usize);
-    let at = |i: usize, j: usize| lands.get(j * along + i).copied().unwrap_or_default();
-    let (right, down) = ((x % LAND_PX) as f32 / LAND_PX as f32, (y % LAND_PX) as f32 / LAND_PX as f32);
-    let top = at(i, j).towards(&at(i + 1, j), right);
-    top.towards(&at(i, j + 1).towards(&at(i + 1, j + 1), right), down)
+/// What changes slowly, along a row of a block.
+fn between(lands: &Lands, row: u32) -> [Land; LANDS] {
+    let (above, share) = ((row / LAND_PX) as usize, (row % LAND_PX) as f32 / LAND_PX as f32);
+    std::array::from_fn(|column| lands[above][column].towards(&lands[above + 1][column], share))
+}
+
+/// What changes slowly, at a pixel of a row of a block.
+fn along(lands: &[Land; LANDS], column: u32) -> Land {
+    let (left, share) = ((column / LAND_PX) as usize, (column % LAND_PX) as f32 / LAND_PX as f32);
+    lands[left].towards(&lands[left + 1], share)
 }
 
 fn texture(seed: u64) -> Texture {

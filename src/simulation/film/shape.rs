@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use nalgebra::Vector2;
 
 /// Beyond so many standard deviations an edge is not felt.
-pub(super) const FELT_SIGMAS: f64 = 3.5;
+const FELT_SIGMAS: f64 = 3.5;
 
 const STEPS_PER_SIGMA: f32 = 64.0;
 const STEP_REACH: f32 = 4.0;
@@ -182,13 +182,23 @@ impl Blot {
     }
 
     /// How far a place lies inside; outside negative.
-    pub(super) fn depth_mm(&self, place_mm: Vector2<f64>) -> f64 {
+    fn depth_mm(&self, place_mm: Vector2<f64>) -> f64 {
         let [x, y] = self.own(place_mm);
         f64::from(self.shape.depth_mm(x, y))
     }
 
+    /// Whether it may be felt within a distance of a place, seen with a blur.
+    pub(super) fn is_near(&self, centre_mm: Vector2<f64>, radius_mm: f64, picture_sigma_mm: f64) -> bool {
+        self.depth_mm(centre_mm) > -(radius_mm + FELT_SIGMAS * self.sigma_mm(picture_sigma_mm))
+    }
+
+    /// Whether it covers everything within a distance of a place.
+    pub(super) fn fills(&self, centre_mm: Vector2<f64>, radius_mm: f64, picture_sigma_mm: f64) -> bool {
+        self.depth_mm(centre_mm) > radius_mm + FELT_SIGMAS * self.sigma_mm(picture_sigma_mm)
+    }
+
     /// The blur of its edges in a picture with such a blur.
-    pub(super) fn sigma_mm(&self, picture_sigma_mm: f64) -> f64 {
+    fn sigma_mm(&self, picture_sigma_mm: f64) -> f64 {
         (picture_sigma_mm.powi(2) + self.softness_mm.powi(2)).sqrt()
     }
 }

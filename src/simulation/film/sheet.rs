@@ -10,7 +10,7 @@ use super::shape::{Blot, Shape};
 use super::strip;
 use super::tone::Tone;
 use super::truth::{MarkState, drawn};
-use crate::interior::{Library, Mark, Side};
+use crate::interior::{Mark, Side};
 use crate::simulation::draws::{Draws, Purpose};
 
 /// Long enough for what covers all that is on one side of a line.
@@ -75,8 +75,8 @@ impl Sheet {
             },
             marks: Vec::new(),
         };
-        let connected = draws.chance(0.5);
-        sheet.put_marks(settings, plate, &making, connected, &mut Draws::new(seed, Purpose::FilmCorruption));
+        let joined = draws.chance(0.5);
+        sheet.put_marks(settings, plate, &making, joined, seed);
         sheet.put_feature(plate, &making);
         if let Some(side) = settings.data_strip {
             let bright = making.bright.max(0.6);
@@ -87,17 +87,26 @@ impl Sheet {
         sheet
     }
 
-    fn put_marks(
-        &mut self,
-        settings: &ScanSettings,
-        plate: &TruePlate,
-        making: &Making,
-        connected: bool,
-        draws: &mut Draws,
-    ) {
+    /// The part of it that may be felt within a distance of a place.
+    pub(super) fn near(&self, centre_mm: Vector2<f64>, radius_mm: f64, sigma_mm: f64) -> Self {
+        let felt = |blots: &[Blot]| {
+            blots.iter().filter(|blot| blot.is_near(centre_mm, radius_mm, sigma_mm)).copied().collect()
+        };
+        Self {
+            openings: felt(&self.openings),
+            dark: self.dark,
+            figures: felt(&self.figures),
+            cover: felt(&self.cover),
+            dust: self.dust,
+            marks: Vec::new(),
+        }
+    }
+
+    fn put_marks(&mut self, settings: &ScanSettings, plate: &TruePlate, making: &Making, joined: bool, seed: u64) {
         let library = settings.camera.figure();
-        let reach_mm = reach_mm(library);
+        let reach_mm = reach_mm(library) + making.rim_mm;
         let sigma_mm = settings.strain.sigma_irregular_mm;
+        let mut draws = Draws::new(seed, Purpose::FilmStrain);
         for (index, (fiducial, &true_mm)) in plate.known.fiducials.iter().zip(&plate.marks_mm).enumerate() {
             let place_mm = true_mm + Vector2::new(draws.normal(), draws.normal()) * sigma_mm;
             let corruption = settings.corrupt.filter(|&(which, _)| which == index).map(|(_, corruption)| corruption);
@@ -105,26 +114,29 @@ impl Sheet {
                 Some(Corruption::Shifted { by_mm }) => place_mm + Vector2::from(by_mm),
                 _ => place_mm,
             };
-            if connected
-                && matches!(library, Library::WildRc5 | Library::WildRc10 | Library::WildRc20 | Library::LeicaRc30)
-            {
-                self.figures.push(piece(place_mm, reach_mm + making.rim_mm, settings.camera, making.dark));
+            if joined && settings.camera.has_dark_pieces() {
+                self.figures.push(piece(place_mm, reach_mm, settings.camera, making.dark));
             }
-            self.figures.extend(
-                placed(figures(library, making), drawn_mm, fiducial.rotation_rad)
-                    .filter(|blot| corruption != Some(Corruption::Missing) || blot.tone <= making.dark),
-            );
-            match corruption {
-                Some(Corruption::Missing) => {
-                    let radius = (reach_mm + making.rim_mm) as f32;
-                    self.figures.push(Blot::new(Shape::Disc { radius }, place_mm, making.dark));
-                }
-                Some(Corruption::Covered) => self.cover.extend(dirt::blob(place_mm, reach_mm, draws)),
-                Some(Corruption::Scratched) => self.cover.extend(dirt::scratches_through(place_mm, reach_mm, draws)),
-                Some(Corruption::Shifted { .. }) | None => {}
+            self.figures.extend(placed(figures(library, making), drawn_mm, fiducial.rotation_rad));
+            if let Some(corruption) = corruption {
+                self.corrupt(corruption, place_mm, reach_mm, seed);
             }
             let state = corruption.map_or(MarkState::Whole, MarkState::Corrupted);
             self.marks.push(SheetMark { place_mm, drawn_mm, state });
+        }
+    }
+
+    /// Does to a mark what was asked for, but for the shift.
+    fn corrupt(&mut self, corruption: Corruption, place_mm: Vector2<f64>, reach_mm: f64, seed: u64) {
+        let mut draws = Draws::new(seed, Purpose::FilmCorruption);
+        match corruption {
+            Corruption::Missing => {
+                let ground = Shape::Disc { radius: reach_mm as f32 };
+                self.figures.push(Blot::new(ground, place_mm, self.dark));
+            }
+            Corruption::Covered => self.cover.extend(dirt::blob(place_mm, reach_mm, &mut draws)),
+            Corruption::Scratched => self.cover.extend(dirt::scratches_through(place_mm, reach_mm, &mut draws)),
+            Corruption::Shifted { .. } => {}
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::settings::ScannerSettings;
 use super::truth::drawn;
+use crate::features::PixelRect;
 use crate::simulation::draws::{Draws, Purpose, pixel_deviate};
 
 const STEPS: usize = 1024;
@@ -67,27 +68,23 @@ impl Tone {
         seen(libm::pow(f64::from(share), 1.0 / self.gamma) as f32)
     }
 
-    /// Whether there is no grain.
-    pub(super) fn smooth(&self) -> bool {
-        self.grain_grey <= 0.0
-    }
-
-    /// The grain of a block of pixels from (x, y) on, row by row.
-    pub(super) fn grain(&self, [x, y]: [u32; 2], [width, height]: [usize; 2], grain: &mut Vec<f32>) {
-        grain.clear();
-        let at = |column: usize, row: usize| {
-            pixel_deviate((x as usize + column) as i32, (y as usize + row) as i32, self.grain_seed)
-        };
-        if !self.correlated {
-            grain.extend((0..width * height).map(|k| self.grain_grey * at(k % width, k / width)));
+    /// Adds the grain to the pixels of a rectangle.
+    pub(super) fn add_grain(&self, rect: PixelRect, grey: &mut [f32]) {
+        if self.grain_grey <= 0.0 {
             return;
         }
-        // the mean of four neighbours has half the standard deviation
-        let mut above: Vec<f32> = (0..=width).map(|column| at(column, 0)).collect();
-        for row in 1..=height {
-            let below: Vec<f32> = (0..=width).map(|column| at(column, row)).collect();
-            let sums = above.windows(2).zip(below.windows(2)).map(|(a, b)| (a[0] + a[1]) + (b[0] + b[1]));
-            grain.extend(sums.map(|sum| 0.5 * self.grain_grey * sum));
+        let at = |x: u32, y: u32| pixel_deviate(x as i32, y as i32, self.grain_seed);
+        let row_of = |y: u32| -> Vec<f32> { (rect.x..=rect.x + rect.width).map(|x| at(x, y)).collect() };
+        let mut above = row_of(rect.y);
+        for (y, row) in (rect.y + 1..).zip(grey.chunks_mut(rect.width as usize)) {
+            let below = row_of(y);
+            if self.correlated {
+                // the mean of four neighbours has half the standard deviation
+                let sums = above.windows(2).zip(below.windows(2)).map(|(a, b)| (a[0] + a[1]) + (b[0] + b[1]));
+                row.iter_mut().zip(sums).for_each(|(grey, sum)| *grey += 0.5 * self.grain_grey * sum);
+            } else {
+                row.iter_mut().zip(&above).for_each(|(grey, deviate)| *grey += self.grain_grey * deviate);
+            }
             above = below;
         }
     }
