@@ -55,6 +55,45 @@ pub enum Mark {
     Cut(Cut),
 }
 
+impl Library {
+    /// All of them.
+    pub const ALL: [Self; 10] = [
+        Self::WildRc5,
+        Self::WildRc10,
+        Self::WildRc20,
+        Self::LeicaRc30,
+        Self::ZeissRmk,
+        Self::ZeissRmkTop,
+        Self::FairchildPinhole,
+        Self::FairchildWing,
+        Self::Arrow,
+        Self::Bar,
+    ];
+
+    /// Its name in camera definitions.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::WildRc5 => "wild_rc5",
+            Self::WildRc10 => "wild_rc10",
+            Self::WildRc20 => "wild_rc20",
+            Self::LeicaRc30 => "leica_rc30",
+            Self::ZeissRmk => "zeiss_rmk",
+            Self::ZeissRmkTop => "zeiss_rmk_top",
+            Self::FairchildPinhole => "fairchild_pinhole",
+            Self::FairchildWing => "fairchild_wing",
+            Self::Arrow => "arrow",
+            Self::Bar => "bar",
+        }
+    }
+
+    /// The one with this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|library| library.name() == name)
+    }
+}
+
 impl Mark {
     /// Whether the mark is nothing but edges between the frame and the image.
     pub(super) fn is_edges(&self) -> bool {

@@ -28,7 +28,7 @@ use nalgebra::{Matrix2, Vector2};
 pub use decide::{Basis, Decision, LayingCandidate};
 pub use laying::Laying;
 pub use mark::{Cut, Library, Mark};
-pub use plate::{AsymmetricFeature, Fiducial, Plate, Side};
+pub use plate::{AsymmetricFeature, Fiducial, FilmCamera, Plate, Side};
 pub use run::interior_orientation;
 pub use sensitivity::Sensitivity;
 pub use transformation::{Kind, Observation, Transformation};

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 
 use super::mark::Mark;
+use crate::geometry::Film;
 
 /// A calibrated fiducial mark.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,4 +62,13 @@ pub struct Plate {
     pub data_strip: Option<Side>,
     /// Width (x) and height (y) of the image on the film, about the plate's origin.
     pub format_mm: [f64; 2],
+}
+
+/// A film camera: its lens, and its plate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilmCamera {
+    /// The lens.
+    pub film: Film,
+    /// The plate, of the same format.
+    pub plate: Plate,
 }
