@@ -45,7 +45,7 @@ mod truth;
 #[cfg(test)]
 mod tests;
 
-pub use camera::{FilmCamera, PlateSettings};
+pub use camera::{Make, PlateSettings};
 pub use scan::{Content, Rendering, SimulatedScan};
 pub use settings::{Corruption, DirtSettings, Laying, ScanSettings, ScannerSettings, StrainSettings};
 pub use tiff::{Pieces, TiffSettings, write_tiff};
