@@ -348,10 +348,10 @@ mod tests {
         Film::new(153.0, principal, symmetry, distortion, FORMAT_MM).unwrap()
     }
 
-    /// A plate in a scanner, with its centre at (2500, 2600).
+    /// A plate in a scanner, with its centre at (3000, 2600).
     fn laid(linear: Matrix2<f64>) -> Camera {
-        let pixel_from_plate = PixelFromPlate::affine(&linear, Vector2::new(2500.0, 2600.0)).unwrap();
-        Camera::of_scan([5000, 5200], &film(), &pixel_from_plate).unwrap()
+        let pixel_from_plate = PixelFromPlate::affine(&linear, Vector2::new(3000.0, 2600.0)).unwrap();
+        Camera::of_scan([6000, 5200], &film(), &pixel_from_plate).unwrap()
     }
 
     fn upright() -> Camera {
