@@ -21,7 +21,7 @@ const ROOMS: &[Room] = &[
     Room("learning", &[]),
     Room("diagnosis", &["geometry", "estimation", "features", "orientation", "learning"]),
     Room("interior", &["geometry", "estimation", "features", "diagnosis"]),
-    Room("pipeline", &["geometry", "estimation", "features", "orientation", "learning", "diagnosis"]),
+    Room("pipeline", &["geometry", "estimation", "features", "orientation", "learning", "diagnosis", "interior"]),
     Room("classifiers", &["geometry", "learning", "diagnosis", "pipeline"]),
     Room("simulation", &["geometry", "features", "interior", "orientation", "pipeline"]),
     Room(

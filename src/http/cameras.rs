@@ -117,13 +117,13 @@ struct CameraAnswer {
 impl From<NamedCamera> for CameraAnswer {
     fn from(named: NamedCamera) -> Self {
         let NamedCamera { id, name, camera, created_at } = named;
-        let Brown { k1, k2, k3, p1, p2, b1_px, b2_px } = camera.distortion;
+        let Brown { k1, k2, k3, p1, p2, b1_px, b2_px } = camera.distortion().copied().unwrap_or_default();
         Self {
             id,
             name,
             image_size_px: [camera.width_px, camera.height_px],
             principal_distance_px: camera.principal_distance_px,
-            principal_point_px: camera.principal_point_px.into(),
+            principal_point_px: camera.principal_point_px().into(),
             distortion: Distortion { model: DistortionModel::Brown, k1, k2, k3, p1, p2, b1_px, b2_px },
             created_at,
         }
@@ -164,7 +164,7 @@ fn pointer(error: &CameraError) -> String {
         CameraError::PrincipalDistance { .. } => String::from("/principal_distance_px"),
         CameraError::NotFinite { name: "principal_point_px" } => String::from("/principal_point_px"),
         CameraError::NotFinite { name } => format!("/distortion/{name}"),
-        CameraError::DistortionFolds { .. } => String::from("/distortion"),
+        _ => String::from("/distortion"),
     }
 }
 

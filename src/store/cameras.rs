@@ -136,7 +136,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn add_camera(&self, id: Uuid, name: &str, camera: &Camera) -> Result<Added, StoreError> {
-        let d = &camera.distortion;
+        let d = camera.distortion().copied().unwrap_or_default();
+        let principal_point_px = camera.principal_point_px();
         let mut transaction = self.begin_write().await?;
         let inserted = sqlx::query(
             "INSERT INTO cameras (id, name, width_px, height_px, principal_distance_px, principal_point_x_px,
@@ -148,8 +149,8 @@ impl Store {
         .bind(camera.width_px)
         .bind(camera.height_px)
         .bind(camera.principal_distance_px)
-        .bind(camera.principal_point_px.x)
-        .bind(camera.principal_point_px.y)
+        .bind(principal_point_px.x)
+        .bind(principal_point_px.y)
         .bind(d.k1)
         .bind(d.k2)
         .bind(d.k3)

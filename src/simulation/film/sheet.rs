@@ -40,8 +40,7 @@ pub(super) struct SheetMark {
     pub(super) state: MarkState,
 }
 
-/// How far the film reaches beyond the format on each side: left, right, top, bottom.
-pub(super) const SIDES: [Side; 4] = [Side::Left, Side::Right, Side::Top, Side::Bottom];
+const SIDES: [Side; 4] = [Side::Left, Side::Right, Side::Top, Side::Bottom];
 
 /// Half the opening along a side's direction.
 fn edge_mm(camera: FilmCamera, side: Side) -> f64 {

@@ -142,7 +142,7 @@ fn spread_beside(scan: &SimulatedScan, side: Side) -> f32 {
     let along = Vector2::new(-out.y, out.x);
     let corners = [-90.0, 90.0].map(|at| scan.truth().pixel(out * 123.0 + along * at));
     let sampled = (0..900).map(|k| corners[0] + (corners[1] - corners[0]) * (f64::from(k) / 900.0));
-    let greys: Vec<f32> = sampled.map(|place_px| around(scan, place_px, 60, 8).grey).flatten().collect();
+    let greys: Vec<f32> = sampled.flat_map(|place_px| around(scan, place_px, 60, 8).grey).collect();
     mean_and_sigma(&greys).1
 }
 
@@ -212,7 +212,8 @@ fn a_mark_is_tampered_with_and_no_other() {
 fn content_of_ones_own_is_seen_through_the_frame() {
     let rendered = |rect: PixelRect, reduction: u32| {
         let [width, height] = [rect.width, rect.height].map(|side| side.div_ceil(reduction) as usize);
-        let grey = (0..width * height).map(|k| if (k % width + rect.x as usize) % 2 == 0 { 200.0 } else { 100.0 });
+        let grey =
+            (0..width * height).map(|k| if (k % width + rect.x as usize).is_multiple_of(2) { 200.0 } else { 100.0 });
         GreyWindow { origin_px: [rect.x, rect.y], reduction, width, height, grey: grey.collect() }
     };
     let settings = at_15_um(ScanSettings::clean(FilmCamera::WildRc5, Laying::default()));
