@@ -115,12 +115,11 @@ impl Store {
         .execute(&mut *transaction)
         .await?
         .rows_affected();
-        let stored: MarkTemplate = sqlx::query_as(sqlx::AssertSqlSafe(format!(
-            "SELECT {COLUMNS} FROM mark_templates WHERE name = ?"
-        )))
-        .bind(&content.name)
-        .fetch_one(&mut *transaction)
-        .await?;
+        let stored: MarkTemplate =
+            sqlx::query_as(sqlx::AssertSqlSafe(format!("SELECT {COLUMNS} FROM mark_templates WHERE name = ?")))
+                .bind(&content.name)
+                .fetch_one(&mut *transaction)
+                .await?;
         let same_grey: bool = sqlx::query_scalar("SELECT grey = ? FROM mark_templates WHERE id = ?")
             .bind(&grey)
             .bind(stored.id)
@@ -152,8 +151,10 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn mark_template_grey(&self, id: Uuid) -> Result<Option<Vec<u16>>, StoreError> {
-        let bytes: Option<Vec<u8>> =
-            sqlx::query_scalar("SELECT grey FROM mark_templates WHERE id = ?").bind(id).fetch_optional(&self.pool).await?;
+        let bytes: Option<Vec<u8>> = sqlx::query_scalar("SELECT grey FROM mark_templates WHERE id = ?")
+            .bind(id)
+            .fetch_optional(&self.pool)
+            .await?;
         Ok(bytes.map(|bytes| bytes.as_chunks::<2>().0.iter().map(|two| u16::from_le_bytes(*two)).collect()))
     }
 
@@ -162,8 +163,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn mark_templates(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<MarkTemplate>, StoreError> {
-        let sql =
-            format!("SELECT {COLUMNS} FROM mark_templates WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2");
+        let sql = format!("SELECT {COLUMNS} FROM mark_templates WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2");
         Ok(sqlx::query_as(sqlx::AssertSqlSafe(sql)).bind(before).bind(limit).fetch_all(&self.pool).await?)
     }
 
