@@ -46,7 +46,9 @@ const ROOMS: &[Room] = &[
         "jobs",
         &[
             "geometry",
+            "estimation",
             "features",
+            "interior",
             "orientation",
             "learning",
             "diagnosis",
@@ -63,6 +65,8 @@ const ROOMS: &[Room] = &[
         "http",
         &[
             "geometry",
+            "features",
+            "interior",
             "learning",
             "diagnosis",
             "pipeline",
