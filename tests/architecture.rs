@@ -41,7 +41,7 @@ const ROOMS: &[Room] = &[
     Room("imagery", &["features"]),
     Room("control", &["geometry", "orientation", "pipeline"]),
     Room("store", &["geometry"]),
-    Room("report", &["geometry", "features", "diagnosis", "pipeline", "classifiers"]),
+    Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
         "jobs",
         &[
@@ -50,6 +50,7 @@ const ROOMS: &[Room] = &[
             "orientation",
             "learning",
             "diagnosis",
+            "interior",
             "pipeline",
             "classifiers",
             "imagery",
@@ -65,6 +66,7 @@ const ROOMS: &[Room] = &[
             "geometry",
             "learning",
             "diagnosis",
+            "interior",
             "pipeline",
             "classifiers",
             "imagery",
