@@ -21,7 +21,7 @@ const ROOMS: &[Room] = &[
     Room("learning", &[]),
     Room("diagnosis", &["geometry", "estimation", "features", "orientation", "learning"]),
     Room("interior", &["geometry", "estimation", "features", "diagnosis"]),
-    Room("pipeline", &["geometry", "estimation", "features", "orientation", "learning", "diagnosis"]),
+    Room("pipeline", &["geometry", "estimation", "features", "orientation", "learning", "diagnosis", "interior"]),
     Room("classifiers", &["geometry", "learning", "diagnosis", "pipeline"]),
     Room("simulation", &["geometry", "features", "interior", "orientation", "pipeline"]),
     Room(
@@ -46,7 +46,9 @@ const ROOMS: &[Room] = &[
         "jobs",
         &[
             "geometry",
+            "estimation",
             "features",
+            "interior",
             "orientation",
             "learning",
             "diagnosis",
@@ -64,6 +66,8 @@ const ROOMS: &[Room] = &[
         "http",
         &[
             "geometry",
+            "features",
+            "interior",
             "learning",
             "diagnosis",
             "interior",

@@ -4,11 +4,11 @@
 
 use gable::classifiers::shipped;
 use gable::diagnosis::{Policy, Verdict, d_max_m};
-use gable::geometry::rotation;
+use gable::geometry::{Camera, Film, PixelFromPlate, Smac, rotation};
 use gable::orientation::ControlPoint;
 use gable::pipeline::{Fault, Judge, Observer, Outcome, Stage, Task, Tolerance, orient};
 use gable::simulation::{Photograph, Scene, SceneSettings};
-use nalgebra::Vector3;
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 struct Watched;
 
@@ -51,6 +51,39 @@ fn villages_are_oriented_and_accepted() {
         assert_eq!(outcome.ground_precision.len(), 9);
         let used = outcome.control_points.iter().filter(|c| c.used).count();
         assert!(used >= 8, "seed {seed}: {used} control points");
+    }
+}
+
+/// The same flight with a film camera whose film was laid into the scanner by a quarter turn and face down, with a rim
+/// around the image.
+fn on_film(scene: &Scene) -> Scene {
+    const FORMAT_MM: [f64; 2] = [150.0, 112.5];
+    let distortion = Smac { k: [2e-4, -2e-7, 5e-12, 0.0, 0.0], p: [3e-7, -2e-7, 0.0, 0.0] };
+    let film = Film::new(130.0, Vector2::new(0.31, -0.14), Vector2::new(0.05, 0.02), distortion, FORMAT_MM).unwrap();
+    let linear = Matrix2::new(0.03, 20.0, -20.1, 0.02);
+    assert!(linear.determinant() > 0.0, "mirrored: plate y points up and rows run down");
+    let lies = PixelFromPlate::affine(&linear, Vector2::new(1225.0, 1620.0)).unwrap();
+    let camera = Camera::of_scan([2450, 3240], &film, &lies).unwrap();
+    Scene { camera, ..scene.clone() }
+}
+
+#[test]
+fn a_turned_and_mirrored_scan_of_film_is_oriented_like_a_digital_image() {
+    let digital = Scene::draw(105, &SceneSettings::default()).unwrap();
+    let film = on_film(&digital);
+    let run = |scene: &Scene| run(&scene.render(), &scene.control_points(), &task(scene));
+    let (of_digital, of_film) = (run(&digital), run(&film));
+    let (expected, reached) = (d_max_gsd(&digital, &of_digital), d_max_gsd(&film, &of_film));
+    assert!(reached < TOLERANCE_GSD / 2.0 && reached < 2.0 * expected + 1.0, "{reached} GSD, {expected} digitally");
+    assert_eq!(of_digital.diagnosis.verdict, Verdict::Green);
+    assert_eq!(of_film.diagnosis.verdict, Verdict::Green, "{:?}", of_film.diagnosis.reasons);
+    let sigma0 = |outcome: &Outcome| outcome.estimate.as_ref().unwrap().sigma0;
+    assert!((sigma0(&of_film) / sigma0(&of_digital) - 1.0).abs() < 0.2);
+    let used = |outcome: &Outcome| outcome.control_points.iter().filter(|c| c.used).count();
+    assert!(used(&of_film).abs_diff(used(&of_digital)) <= 2, "{} and {}", used(&of_film), used(&of_digital));
+    // what is told in pixels is told in those of the file
+    for point in of_film.control_points.iter().filter_map(|c| c.located_px) {
+        assert!(film.camera.contains(point, 30.0), "{point}");
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use gable::control::{Source, geojson};
 use gable::geometry::{Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
-use gable::http::cameras::CameraRequest;
+use gable::http::cameras::DigitalCameraRequest;
 use gable::orientation::ControlPoint;
 use gable::pipeline::Approximation;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -91,7 +91,7 @@ impl Dataset {
     /// Reads the folder, without the pictures.
     pub(super) fn read(folder: &Path) -> anyhow::Result<Self> {
         let description: Description = lenient_json(&folder.join("dataset.json"))?;
-        let camera: CameraRequest = read_json(&folder.join("camera.json"))?;
+        let camera: DigitalCameraRequest = read_json(&folder.join("camera.json"))?;
         let camera = camera.camera().with_context(|| folder.join("camera.json").display().to_string())?;
         let frame = LocalFrame::about(Crs::parse(&description.frame)?.geocentric_from_position([0.0; 3], None)?);
         let body =

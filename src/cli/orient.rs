@@ -10,12 +10,15 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use gable::control::near::Reach;
 use gable::control::{self, Mode, sqlite};
-use gable::geometry::{Camera, Crs};
+use gable::geometry::Crs;
 use gable::http::cameras::CameraRequest;
 use gable::http::extract::parse_json;
+use gable::http::problem::Problem;
 use gable::imagery::{self, ImageFile, Limits};
 use gable::jobs::active::{ActiveClassifier, shipped_classifier};
-use gable::jobs::request::{ApproximationRequest, CostsRequest, ImageFacts, OrientationRequest};
+use gable::jobs::camera_model::{camera_model, uploaded_templates};
+use gable::jobs::film_camera::Templates;
+use gable::jobs::request::{ApproximationRequest, CameraModel, CostsRequest, ImageFacts, OrientationRequest};
 use gable::jobs::{self, Orient as Pipeline};
 use gable::learning::Costs;
 use gable::pipeline::{self, Observer, Stage};
@@ -170,6 +173,22 @@ pub(super) fn read_json<T: serde::de::DeserializeOwned>(file: &Path) -> anyhow::
     parse_json(&text).with_context(name)
 }
 
+/// The camera of a JSON file; the uploaded templates that it refers to come from the data folder.
+async fn camera_of_file(file: &Path, store: Option<&Store>) -> anyhow::Result<CameraModel> {
+    let name = || file.display().to_string();
+    let text = std::fs::read(file).with_context(|| format!("cannot read {}", name()))?;
+    let request = match CameraRequest::parse(&text).with_context(name)? {
+        CameraRequest::Digital(request) => return Ok(CameraModel::Digital(request.camera().with_context(name)?)),
+        CameraRequest::Film(request) => request,
+    };
+    let templates = match store {
+        Some(store) => uploaded_templates(store, &request.uploaded_templates()).await?.marks,
+        None => Templates::new(),
+    };
+    let definition = request.definition(&templates).map_err(|faults| Problem::of_faults(&faults)).with_context(name)?;
+    Ok(CameraModel::Film(Arc::new(definition.camera(&templates)?)))
+}
+
 impl Orient {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         let quiet = std::env::var_os("GABLE_LOG").is_none().then(|| "warn".to_owned());
@@ -182,8 +201,9 @@ impl Orient {
             Some(_) => None,
         };
         let camera = self.camera(store.as_ref()).await?;
+        let camera_size_px = camera.image_size_px();
         let probe = imagery::probe(&self.image, &limits).with_context(|| self.image.display().to_string())?;
-        let mut prepared = self.request()?.prepare(&camera, &ImageFacts::from(&probe)).map_err(|faults| {
+        let mut prepared = self.request()?.prepare(camera_size_px, &ImageFacts::from(&probe)).map_err(|faults| {
             let lines: Vec<_> = faults.iter().map(|fault| format!("{}: {}", fault.pointer, fault.detail)).collect();
             anyhow::anyhow!(lines.join("\n       "))
         })?;
@@ -191,6 +211,9 @@ impl Orient {
         let decides = match &store {
             Some(store) => ActiveClassifier::default().get(store).await?,
             None => shipped_classifier()?,
+        };
+        let CameraModel::Digital(camera) = camera else {
+            bail!("--camera {}: scans of film cannot be oriented by this version", self.camera);
         };
         let work = prepared.work(camera, &decides)?;
         let pool = match (&self.control, &store) {
@@ -230,20 +253,18 @@ impl Orient {
         })
     }
 
-    async fn camera(&self, store: Option<&Store>) -> anyhow::Result<Camera> {
+    async fn camera(&self, store: Option<&Store>) -> anyhow::Result<CameraModel> {
         let file = Path::new(&self.camera);
         if file.is_file() {
-            let request: CameraRequest = read_json(file)?;
-            return request.camera().with_context(|| self.camera.clone());
+            return camera_of_file(file, store).await;
         }
         let known = match store {
-            Some(store) => store.camera(&self.camera).await?,
+            Some(store) => camera_model(store, &self.camera).await?,
             None => None,
         };
-        match known {
-            Some(named) => Ok(named.camera),
-            None => bail!("--camera {}: there is no such file, and no such camera in the data folder", self.camera),
-        }
+        known.with_context(|| {
+            format!("--camera {}: there is no such file, and no such camera in the data folder", self.camera)
+        })
     }
 
     async fn control_of_file(&self, file: &Path) -> anyhow::Result<sqlx::SqlitePool> {

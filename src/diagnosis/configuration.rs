@@ -1,7 +1,7 @@
 //! Do the control points lie well? The precision that they give, against that of four in the corners of the image
 //! (method 1.6).
 
-use nalgebra::{Matrix6, SymmetricEigen, Vector2};
+use nalgebra::{Matrix6, SymmetricEigen};
 
 use crate::estimation::resection::equations;
 use crate::estimation::{PointObservation, Prior};
@@ -25,10 +25,9 @@ pub fn reference_covariance(
     prior: Option<&Prior>,
 ) -> Option<Matrix6<f64>> {
     let c = camera.principal_distance_px;
-    let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
     let shares = [(MARGIN, MARGIN), (1.0 - MARGIN, MARGIN), (1.0 - MARGIN, 1.0 - MARGIN), (MARGIN, 1.0 - MARGIN)];
     let corner = |(across, down): (f64, f64)| {
-        let image_px = camera.reduced_from_pixel(Vector2::new(across * width, down * height))?;
+        let image_px = camera.reduced_from_pixel(camera.frame_px(across, down))?;
         let object_m = orientation.ground_point_m(c, image_px, ground_height_m)?;
         Some(PointObservation { object_m, image_px, sigma_px })
     };
@@ -70,7 +69,7 @@ mod tests {
     use crate::estimation::simulated::{Draws, flight, points};
     use crate::geometry::Brown;
     use approx::assert_relative_eq;
-    use nalgebra::{Vector3, Vector6};
+    use nalgebra::{Vector2, Vector3, Vector6};
 
     fn camera() -> Camera {
         Camera::new([6000, 4000], 5000.0, Vector2::new(3000.0, 2000.0), Brown::default()).unwrap()

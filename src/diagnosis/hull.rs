@@ -13,7 +13,7 @@ pub fn hull_share(camera: &Camera, places_px: &[Vector2<f64>]) -> f64 {
     let upper = chain(places.iter().rev().copied());
     let rim: Vec<Vector2<f64>> = [&lower[..lower.len().saturating_sub(1)], &upper].concat();
     let twice: f64 = (0..rim.len()).map(|k| rim[k].perp(&rim[(k + 1) % rim.len()])).sum();
-    twice.abs() / 2.0 / (f64::from(camera.width_px) * f64::from(camera.height_px))
+    twice.abs() / 2.0 / camera.frame_area_px2()
 }
 
 /// The half of the hull on one side of places in order (Andrew's monotone chain).

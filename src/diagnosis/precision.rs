@@ -15,12 +15,11 @@ pub struct GroundPrecision {
     pub sigma_planimetric_m: f64,
 }
 
-/// The nine image points, in pixels of the file, at which errors on the ground are looked at: a 3 x 3 grid that leaves
-/// a margin, row by row.
+/// The nine image points, in pixels of the file, at which errors on the ground are looked at: a 3 x 3 grid over the frame
+/// that leaves a margin, row by row.
 pub(super) fn grid_px(camera: &Camera) -> [Vector2<f64>; 9] {
     const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
-    let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
-    std::array::from_fn(|k| Vector2::new(SHARES[k % 3] * width, SHARES[k / 3] * height))
+    std::array::from_fn(|k| camera.frame_px(SHARES[k % 3], SHARES[k / 3]))
 }
 
 /// A point of the ground, and how it moves with the orientation.

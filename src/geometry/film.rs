@@ -186,6 +186,11 @@ impl Film {
         None
     }
 
+    /// Whether the distortion does not turn over at a measured place.
+    pub(super) fn is_unfolded(&self, measured_mm: Vector2<f64>) -> bool {
+        self.jacobian(measured_mm).determinant() > 0.0
+    }
+
     /// Derivatives of the corrected by the measured place.
     fn jacobian(&self, measured_mm: Vector2<f64>) -> Matrix2<f64> {
         // millimetres: the differences are exact to far more than Newton's method needs

@@ -14,6 +14,10 @@ use super::problem::Problem;
 #[derive(Debug)]
 pub struct Json<T>(pub T);
 
+/// A JSON body that is not read yet.
+#[derive(Debug)]
+pub struct JsonText(pub Bytes);
+
 /// The parameters of the query.
 #[derive(Debug, FromRequestParts)]
 #[from_request(via(axum::extract::Query), rejection(Problem))]
@@ -32,13 +36,22 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Json<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+        let JsonText(body) = JsonText::from_request(request, state).await?;
+        parse_json(&body).map(Self)
+    }
+}
+
+impl<S: Send + Sync> FromRequest<S> for JsonText {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
         let kind = media_type(request.headers());
         if !kind.as_deref().is_some_and(is_json) {
             let given = kind.as_deref().unwrap_or("none");
             return Err(Problem::unsupported_type(format!("Content-Type is {given}; it must be application/json")));
         }
         let Raw(body) = Raw::from_request(request, state).await?;
-        parse_json(&body).map(Self)
+        Ok(Self(body))
     }
 }
 

@@ -303,7 +303,7 @@ async fn probe(received: Received, declared: Option<Format>, limits: Limits) -> 
     Ok((received, header))
 }
 
-fn imagery_problem(error: ImageryError) -> Problem {
+pub(super) fn imagery_problem(error: ImageryError) -> Problem {
     match error {
         ImageryError::Read { source } => Problem::internal(&source),
         ImageryError::UnknownFormat { .. } => Problem::unsupported_type(error.to_string()),

@@ -12,6 +12,7 @@ pub mod extract;
 pub mod health;
 pub mod idempotency;
 pub mod images;
+pub mod mark_templates;
 pub mod metrics;
 pub mod observe;
 pub mod openapi;
@@ -42,6 +43,7 @@ pub use state::{AppState, Readiness};
 fn api() -> OpenApiRouter<AppState> {
     let version_1 = OpenApiRouter::new()
         .merge(cameras::routes())
+        .merge(mark_templates::routes())
         .merge(images::routes())
         .merge(control_points::routes())
         .merge(orientations::routes())

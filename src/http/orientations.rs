@@ -23,7 +23,7 @@ use super::problem::Problem;
 use super::state::AppState;
 use crate::imagery::{self, ImageryError};
 use crate::jobs::SubmitError;
-use crate::jobs::request::{FieldFault, ImageFacts, OrientationRequest};
+use crate::jobs::request::{ImageFacts, OrientationRequest};
 use crate::store::images::Image;
 use crate::store::orientations::{Filter, NewOrientation, Orientation, Status};
 use answer::OrientationAnswer;
@@ -130,7 +130,7 @@ async fn checked(state: &AppState, id: Uuid, request: &OrientationRequest) -> Re
     let camera = state.store.camera(&request.camera).await?;
     let camera = camera.ok_or_else(|| Problem::invalid_field("/camera", "there is no camera with this id or name"))?;
     let facts = facts(state, &image, request).await?;
-    let mut prepared = request.prepare(&camera.camera, &facts).map_err(|faults| refused(&faults))?;
+    let mut prepared = request.prepare(camera.image_size_px(), &facts).map_err(|faults| Problem::of_faults(&faults))?;
     prepared.policy = prepared.policy.or(&state.configuration.policy());
     let prepared = serde_json::to_string(&prepared).map_err(|error| Problem::internal(&error))?;
     Ok(NewOrientation { id, image_id: image.id, camera_id: camera.id, prepared })
@@ -149,14 +149,6 @@ async fn facts(state: &AppState, image: &Image, request: &OrientationRequest) ->
         Err(ImageryError::Read { source }) => Err(Problem::internal(&source)),
         Err(error) => Err(Problem::invalid_field("/image", error.to_string())),
     }
-}
-
-fn refused(faults: &[FieldFault]) -> Problem {
-    let detail = faults.first().map_or("", |fault| fault.detail.as_str());
-    let more = if faults.len() > 1 { format!(" (and {} more)", faults.len() - 1) } else { String::new() };
-    faults.iter().fold(Problem::invalid(format!("{detail}{more}")), |problem, fault| {
-        problem.with_error(&fault.pointer, &fault.detail)
-    })
 }
 
 /// The seconds of `Prefer: wait=N` (RFC 7240). What cannot be understood there is to be ignored.

@@ -13,6 +13,7 @@ use sqlx::error::DatabaseError;
 use utoipa::ToSchema;
 
 use super::request_id;
+use crate::jobs::request::FieldFault;
 use crate::store::StoreError;
 
 /// An error as RFC 9457 describes it.
@@ -155,6 +156,16 @@ impl Problem {
     pub fn invalid_field(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         let detail = detail.into();
         Self::invalid(detail.clone()).with_error(pointer, detail)
+    }
+
+    /// 422 for all the fields that are at fault.
+    #[must_use]
+    pub fn of_faults(faults: &[FieldFault]) -> Self {
+        let detail = faults.first().map_or("", |fault| fault.detail.as_str());
+        let more = if faults.len() > 1 { format!(" (and {} more)", faults.len() - 1) } else { String::new() };
+        faults.iter().fold(Self::invalid(format!("{detail}{more}")), |problem, fault| {
+            problem.with_error(&fault.pointer, &fault.detail)
+        })
     }
 
     /// 503: not now.

@@ -177,13 +177,14 @@ mod tests {
             let mut candidates: Vec<Vec<Candidate>> = plate
                 .iter()
                 .map(|p| {
-                    let wrong = (0..5).map(|_| Candidate {
+                    let mut wrong = || Candidate {
                         at_px: truth.apply(*p) + Vector2::new(draws.even(-300.0, 300.0), draws.even(-300.0, 300.0)),
                         rho: draws.even(0.6, 0.9),
-                    });
-                    let right =
-                        Candidate { at_px: truth.apply(*p) + Vector2::new(0.5 * draws.normal(), 0.3), rho: 0.7 };
-                    wrong.chain([right]).collect()
+                    };
+                    let mut candidates: Vec<_> = (0..5).map(|_| wrong()).collect();
+                    let at_px = truth.apply(*p) + Vector2::new(0.5 * draws.normal(), 0.3);
+                    candidates.push(Candidate { at_px, rho: 0.7 });
+                    candidates
                 })
                 .collect();
             // one is not there at all

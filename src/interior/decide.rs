@@ -36,6 +36,8 @@ pub enum Basis {
     DataStrip,
     /// The calibrated positions fit under one laying only.
     Calibration,
+    /// The image shows the control under one laying only.
+    Content,
     /// Who asked for it said so.
     Stated,
     /// Nothing: the candidates are left.
@@ -51,6 +53,7 @@ impl Basis {
             Self::AsymmetricFeature => "asymmetric_feature",
             Self::DataStrip => "data_strip",
             Self::Calibration => "calibration",
+            Self::Content => "image_content",
             Self::Stated => "stated",
             Self::Nothing => "nothing",
         }

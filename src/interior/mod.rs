@@ -117,6 +117,25 @@ pub struct InteriorOrientation {
 }
 
 impl InteriorOrientation {
+    /// Takes over from one in which the laying was open what all candidates were, now that the image has decided.
+    pub(crate) fn decided_by_content(&mut self, open: &Self) {
+        self.take_candidates(open, 1, Basis::Content);
+        (self.verdict, self.reasons) = judge::judge(self);
+    }
+
+    /// The same where the image could not decide.
+    pub(crate) fn left_open(&mut self, open: &Self) {
+        self.take_candidates(open, open.decision.as_ref().map_or(1, |decision| decision.open), Basis::Nothing);
+        (self.verdict, self.reasons) = judge::judge(self);
+    }
+
+    fn take_candidates(&mut self, from: &Self, open: usize, basis: Basis) {
+        let Some((laying, decision)) = self.laying().zip(from.decision.clone()) else { return };
+        let mut candidates = decision.candidates;
+        candidates.sort_by_key(|candidate| candidate.laying != laying);
+        self.decision = Some(Decision { candidates, open, basis, test: None });
+    }
+
     /// How the film lies, if marks were found.
     #[must_use]
     pub fn laying(&self) -> Option<Laying> {

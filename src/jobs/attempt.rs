@@ -8,7 +8,8 @@ use tokio::sync::watch;
 use uuid::Uuid;
 
 use super::active::ActiveError;
-use super::request::{Prepared, Work};
+use super::camera_model::{CameraModelError, camera_model};
+use super::request::{CameraModel, Prepared, Work};
 use super::watcher::{Signal, Watcher};
 use super::{Change, Inner, Orient};
 use crate::classifiers::Record;
@@ -61,6 +62,12 @@ pub enum AttemptError {
     /// Stored JSON cannot be read, or a result not be written.
     #[error("JSON of an orientation: {0}")]
     Json(#[from] serde_json::Error),
+    /// The camera cannot be used.
+    #[error(transparent)]
+    Camera(#[from] CameraModelError),
+    /// A scan of film without an interior orientation.
+    #[error("scans of film cannot be oriented by this version")]
+    InteriorOrientation,
     /// The row refers to something that is not there.
     #[error("the {what} of the orientation is not there any more")]
     Missing {
@@ -93,6 +100,7 @@ impl AttemptError {
             Self::Imagery(error) => failure("image_unusable", error.to_string()),
             Self::Picture(error) => failure("image_unusable", error.to_string()),
             Self::Crs(_) => failure("output_crs", self.to_string()),
+            Self::InteriorOrientation => failure("interior_orientation", self.to_string()),
             Self::Missing { .. } => failure("missing", self.to_string()),
             Self::Classifier(ActiveError::Unreadable { .. }) => failure("classifier_unreadable", self.to_string()),
             _ => None,
@@ -259,8 +267,11 @@ impl Inner {
 
     async fn load(&self, orientation: &Orientation) -> Result<Loaded, AttemptError> {
         let image = self.store.image(orientation.image_id).await?.ok_or(AttemptError::Missing { what: "image" })?;
-        let camera = self.store.camera(&orientation.camera_id.to_string()).await?;
-        let camera = camera.ok_or(AttemptError::Missing { what: "camera" })?.camera;
+        let camera = camera_model(&self.store, &orientation.camera_id.to_string()).await?;
+        let camera = match camera.ok_or(AttemptError::Missing { what: "camera" })? {
+            CameraModel::Digital(camera) => camera,
+            CameraModel::Film(_) => return Err(AttemptError::InteriorOrientation),
+        };
         let prepared: Prepared = serde_json::from_str(&orientation.prepared)?;
         let work = prepared.work(camera, &self.active.get(&self.store).await?)?;
         let pool = self.store.pool();

@@ -7,7 +7,9 @@
 
 pub mod active;
 mod attempt;
+pub mod camera_model;
 pub mod drift;
+pub mod film_camera;
 mod queue;
 pub mod request;
 #[cfg(test)]

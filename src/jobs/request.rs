@@ -5,6 +5,8 @@ mod policy;
 #[cfg(test)]
 mod tests;
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -15,6 +17,7 @@ pub use policy::{CostsRequest, PolicyGiven};
 use super::active::NamedClassifier;
 use crate::geometry::{Camera, Crs, CrsError, ExteriorOrientation, LocalFrame, rotation};
 use crate::imagery::{ExifHeading, ExifPosition, Probe};
+use crate::interior::FilmCamera;
 use crate::pipeline::{Approximation, Judge, Task, Tolerance};
 use crate::report::{ApproximationUsed, ClassifierUsed, Output, Vertical, Warning};
 
@@ -132,6 +135,26 @@ pub enum ToleranceGiven {
     M(f64),
 }
 
+/// A camera that is ready for use.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CameraModel {
+    /// Its images are all alike.
+    Digital(Camera),
+    /// Every scan has an interior orientation of its own.
+    Film(Arc<FilmCamera>),
+}
+
+impl CameraModel {
+    /// Columns and rows of its images; scans of film differ.
+    #[must_use]
+    pub fn image_size_px(&self) -> Option<[u32; 2]> {
+        match self {
+            Self::Digital(camera) => Some([camera.width_px, camera.height_px]),
+            Self::Film(_) => None,
+        }
+    }
+}
+
 /// What the pipeline needs, in the local frame at the approximate position.
 #[derive(Debug, Clone)]
 pub struct Work {
@@ -147,21 +170,21 @@ pub struct Work {
 
 /// The faults of one request.
 #[derive(Debug, Default)]
-struct Faults(Vec<FieldFault>);
+pub(super) struct Faults(pub(super) Vec<FieldFault>);
 
 impl Faults {
-    fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
+    pub(super) fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
         self.0.push(FieldFault { pointer: pointer.into(), detail: detail.into() });
     }
 
     /// The value, or `fallback` with a fault.
-    fn check<T>(&mut self, pointer: &str, value: Result<T, String>) -> Option<T> {
+    pub(super) fn check<T>(&mut self, pointer: &str, value: Result<T, String>) -> Option<T> {
         value.map_err(|detail| self.add(pointer, detail)).ok()
     }
 }
 
 /// A finite number within bounds, or what is wrong with it.
-fn within(value: f64, least: f64, most: f64, unit: &str) -> Result<f64, String> {
+pub(super) fn within(value: f64, least: f64, most: f64, unit: &str) -> Result<f64, String> {
     if (least..=most).contains(&value) {
         Ok(value)
     } else {
@@ -170,14 +193,15 @@ fn within(value: f64, least: f64, most: f64, unit: &str) -> Result<f64, String> 
 }
 
 impl OrientationRequest {
-    /// Checks everything and fills in what was left out.
+    /// Checks everything and fills in what was left out. `camera_size_px` is the size of the camera's images, if they are
+    /// all alike.
     ///
     /// # Errors
     /// All the faults there are, not only the first.
-    pub fn prepare(&self, camera: &Camera, image: &ImageFacts) -> Result<Prepared, Vec<FieldFault>> {
+    pub fn prepare(&self, camera_size_px: Option<[u32; 2]>, image: &ImageFacts) -> Result<Prepared, Vec<FieldFault>> {
         let mut faults = Faults::default();
         let mut warnings = Vec::new();
-        self.check_sizes(camera, image, &mut faults);
+        self.check_sizes(camera_size_px, image, &mut faults);
         self.check_what_is_not_there_yet(&mut faults);
         let tolerance = self.tolerance(&mut faults);
         let policy = self.policy(&mut faults);
@@ -191,17 +215,14 @@ impl OrientationRequest {
         }
     }
 
-    fn check_sizes(&self, camera: &Camera, image: &ImageFacts, faults: &mut Faults) {
+    fn check_sizes(&self, camera_size_px: Option<[u32; 2]>, image: &ImageFacts, faults: &mut Faults) {
         let [width, height] = image.size_px;
-        if [camera.width_px, camera.height_px] != image.size_px {
-            faults.add(
-                "/camera",
-                format!(
-                    "the image has {width} x {height} px, but this camera's images have {} x {} px; give the camera \
-                     that took the image as it is stored",
-                    camera.width_px, camera.height_px
-                ),
+        if let Some([columns, rows]) = camera_size_px.filter(|size_px| *size_px != image.size_px) {
+            let detail = format!(
+                "the image has {width} x {height} px, but this camera's images have {columns} x {rows} px; give the \
+                 camera that took the image as it is stored"
             );
+            faults.add("/camera", detail);
         }
     }
 

@@ -38,7 +38,9 @@ impl Bench {
             "approximation": {"position": {"crs": "EPSG:4979", "coordinates": [16.6, 52.7, 400.0]}}}))
         .unwrap();
         let facts = ImageFacts { size_px: SIZE_PX, ..ImageFacts::default() };
-        let prepared = serde_json::to_string(&request.prepare(&camera, &facts).unwrap()).unwrap();
+        let prepared =
+            serde_json::to_string(&request.prepare(Some([camera.width_px, camera.height_px]), &facts).unwrap())
+                .unwrap();
         Self { folder, store, image_id, camera_id, prepared }
     }
 

@@ -18,6 +18,7 @@ use crate::classifiers::{
 use crate::geometry::{Camera, CrsError, ExteriorOrientation, LocalFrame};
 use crate::learning::svm::SvmError;
 use crate::learning::{Costs, Kind};
+use crate::store::cameras::NamedCamera;
 use crate::store::classifiers::{ClassifierTexts, StoredClassifier};
 use crate::store::references::{ReferenceOrientation, ReferencedRecord};
 use crate::store::{Store, StoreError, TRAINING};
@@ -238,8 +239,9 @@ pub async fn history(store: &Store) -> Result<TrainingSet, TrainingError> {
         after = last.orientation_id;
         for row in &page {
             let camera = store.camera(&row.camera_id.to_string()).await?;
-            if let Some(camera) = camera {
-                let image = labelled(row, &camera.camera)?;
+            // of film nothing is learned yet: its features are not those of digital images
+            if let Some(camera) = camera.as_ref().and_then(NamedCamera::digital) {
+                let image = labelled(row, camera)?;
                 serde_json::to_writer(&mut content, &image)?;
                 images.push(image);
             }

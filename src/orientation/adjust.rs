@@ -166,7 +166,8 @@ impl Model<'_> {
         let control = || buildings.iter().map(|building| &self.control[building.control_point]);
         let places: Option<Vec<_>> = control().map(|point| at.reduced_px(1.0, point.reference_m)).collect();
         let sigmas_px: Vec<f64> = control().map(|point| sigma_control_px(self.camera, point, at)).collect();
-        Some(ShiftPrior::new(&places?, &sigmas_px))
+        let of_camera = |a, b| self.camera.interior_covariance_px2(a, b);
+        Some(ShiftPrior::new(&places?, &sigmas_px, of_camera))
     }
 
     /// The normal equations of the six parameters.
@@ -310,7 +311,7 @@ mod tests {
 
     use super::*;
     use crate::estimation::simulated::Draws;
-    use crate::geometry::{Brown, Segment2, Segment3, rotation};
+    use crate::geometry::{Brown, Film, PixelFromPlate, Segment2, Segment3, Smac, rotation};
 
     const C_PX: f64 = 3000.0;
 
@@ -343,7 +344,7 @@ mod tests {
     fn drawn_shifts_px(control: &[ControlPoint], draws: &mut Draws) -> Vec<Vector2<f64>> {
         let places: Vec<_> = control.iter().map(|c| truth().reduced_px(1.0, c.reference_m).unwrap()).collect();
         let sigmas_px: Vec<_> = control.iter().map(|c| sigma_control_px(&camera(), c, &truth())).collect();
-        let covariance = ShiftPrior::new(&places, &sigmas_px).covariance(&vec![0.0; control.len()]);
+        let covariance = ShiftPrior::new(&places, &sigmas_px, |_, _| 0.0).covariance(&vec![0.0; control.len()]);
         let root = covariance.cholesky().unwrap().unpack();
         let coordinate = |draws: &mut Draws| &root * DVector::from_fn(control.len(), |_, _| draws.normal());
         let (x, y) = (coordinate(draws), coordinate(draws));
@@ -451,6 +452,47 @@ mod tests {
         let (mean, factor) = (distances / f64::from(RUNS), variance_factors / f64::from(RUNS));
         assert!((mean - 6.0).abs() < 0.35, "mean squared Mahalanobis distance {mean}");
         assert!((factor - 1.0).abs() < 0.05, "mean variance factor {factor}");
+    }
+
+    /// The same pixels as those of [`camera`], of a scan of film.
+    fn scan() -> Camera {
+        let film = Film::new(150.0, Vector2::zeros(), Vector2::zeros(), Smac::default(), [200.0, 150.0]).unwrap();
+        let upright = Matrix2::new(20.0, 0.0, 0.0, -20.0);
+        let pixel_from_plate = PixelFromPlate::affine(&upright, Vector2::new(2000.0, 1500.0)).unwrap();
+        Camera::of_scan([4000, 3000], &film, &pixel_from_plate).unwrap()
+    }
+
+    /// Mean squared Mahalanobis distance of adjustments of scans whose interior orientation errs by 3 px in each
+    /// coordinate of marks in the corners, with and without being told so.
+    #[test]
+    fn what_is_not_known_of_the_interior_orientation_is_in_the_covariance() {
+        const RUNS: u32 = 500;
+        let sigmas = Vector6::new(3.0 / 106.0, 3.0 / 106.0, 3.0, 3.0 / 106.0, 3.0 / 106.0, 3.0);
+        let control = town();
+        let told = scan().with_interior_covariance(&Matrix6::from_diagonal(&sigmas.map(|s| s * s)));
+        let mut means = [0.0; 2];
+        for (camera, mean) in [told, scan()].iter().zip(&mut means) {
+            let mut draws = Draws::new(19);
+            for _ in 0..RUNS {
+                let (mut observed, buildings) = photograph(&control, 1.0, &mut draws);
+                let e = sigmas.map(|s| s * draws.normal());
+                let displaced = |p: Vector2<f64>| {
+                    let (x, y) = (p.x / 20.0, -p.y / 20.0);
+                    p + Vector2::new(e[0] * x + e[1] * y + e[2], e[3] * x + e[4] * y + e[5])
+                };
+                for segment in &mut observed {
+                    let Segment2 { start, end } = segment.segment_px;
+                    segment.segment_px = Segment2 { start: displaced(start), end: displaced(end) };
+                }
+                let prior = prior(truth());
+                let model = Model { camera, control: &control, observed: &observed, prior: &prior };
+                let adjusted = model.adjust(buildings, &truth()).unwrap();
+                let error = adjusted.orientation.step_to(&truth());
+                *mean += error.dot(&(adjusted.covariance.try_inverse().unwrap() * error)) / f64::from(RUNS);
+            }
+        }
+        // slightly pessimistic: the prior has no error here
+        assert!((4.8..6.6).contains(&means[0]) && means[1] > 9.0, "{means:?}");
     }
 
     #[test]

@@ -17,7 +17,7 @@ use crate::geometry::{Camera, Segment2};
 pub struct ObservedSegment {
     /// Its end points, reduced.
     pub segment_px: Segment2,
-    /// Unit vector from start to end.
+    /// Unit vector from start to end. On which side it is brighter depends on whether the scan is mirrored.
     pub direction: Vector2<f64>,
     /// Distance between the ends.
     pub length_px: f64,
@@ -159,15 +159,20 @@ impl<'a> Extraction<'a> {
     }
 }
 
-/// The segment with its lens distortion removed; `None` where that is impossible.
+/// The segment with its lens distortion removed; `None` where that is impossible, and beside the frame: around the
+/// image a scan shows the rim of the film with marks and texts.
 fn observed(camera: &Camera, line: &LineSegment, coarse: bool) -> Option<ObservedSegment> {
+    if !camera.contains(line.segment.midpoint(), 0.0) {
+        return None;
+    }
     let reduced = |p| camera.reduced_from_pixel(p);
     let segment_px = Segment2 { start: reduced(line.segment.start)?, end: reduced(line.segment.end)? };
     Some(ObservedSegment {
         segment_px,
         direction: segment_px.direction(),
         length_px: segment_px.length(),
-        covariance_across: line.covariance_across,
+        // a mirrored scan turns the sense of both distances alike
+        covariance_across: line.covariance_across * camera.reduced_per_pixel_across(&line.segment).powi(2),
         coarse,
         file_px: line.segment,
     })

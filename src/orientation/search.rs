@@ -250,10 +250,8 @@ pub(crate) fn reach<'e>(edges: impl IntoIterator<Item = &'e Segment2>, predicted
     edges.into_iter().flat_map(|e| [e.start, e.end]).map(|end| (end - predicted).amax()).fold(0.0, f64::max)
 }
 
-/// A square about a reduced point, in pixels of the file.
+/// The rectangle of the file that holds a square about a reduced point.
 pub(super) fn square(camera: &Camera, centre: Vector2<f64>, half_width_px: f64) -> [Vector2<f64>; 2] {
-    let centre = camera.pixel_from_reduced(centre);
     // the distortion stretches it a little
-    let half = Vector2::repeat(1.05 * half_width_px);
-    [centre - half, centre + half]
+    camera.pixels_around(centre, 1.05 * half_width_px)
 }

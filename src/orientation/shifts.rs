@@ -84,10 +84,16 @@ impl Reduced {
 
 impl ShiftPrior {
     /// For buildings at places given in principal distances, whose coordinates have standard deviations in pixels.
-    pub(super) fn new(places: &[Vector2<f64>], sigma_control_px: &[f64]) -> Self {
+    /// `of_camera` is the covariance of the errors that the interior orientation makes at two places: they shift all that
+    /// is there, and so neighbours alike.
+    pub(super) fn new(
+        places: &[Vector2<f64>],
+        sigma_control_px: &[f64],
+        of_camera: impl Fn(Vector2<f64>, Vector2<f64>) -> f64,
+    ) -> Self {
         let count = places.len();
         let shared = DMatrix::from_fn(count, count, |i, j| {
-            SIGMA_SHARED_PX.powi(2) * (-(places[i] - places[j]).norm() / REACH).exp()
+            SIGMA_SHARED_PX.powi(2) * (-(places[i] - places[j]).norm() / REACH).exp() + of_camera(places[i], places[j])
         });
         let own = |sigma: &f64| SIGMA_OWN_PX.powi(2) + SHARE_OF_THE_BUILDING * sigma.powi(2);
         let own = sigma_control_px.iter().map(own).collect();
@@ -111,12 +117,12 @@ impl ShiftPrior {
     /// What is added to the variance of a building whose present shift is larger than usual: it loses weight as Student's
     /// distribution has it; none gains.
     pub(super) fn excess(&self, shifts_px: &[Vector2<f64>]) -> Vec<f64> {
-        let of_one = |(own, shift_px): (&f64, &Vector2<f64>)| {
-            let usual = own + SIGMA_SHARED_PX.powi(2);
+        let of_one = |(k, (own, shift_px)): (usize, (&f64, &Vector2<f64>))| {
+            let usual = own + self.shared[(k, k)];
             let inflation = (FREEDOM + shift_px.norm_squared() / usual) / (FREEDOM + 2.0);
             own * (inflation - 1.0).max(0.0)
         };
-        self.own.iter().zip(shifts_px).map(of_one).collect()
+        self.own.iter().zip(shifts_px).enumerate().map(of_one).collect()
     }
 }
 
@@ -186,7 +192,7 @@ mod tests {
         let mut draws = Draws::new(11);
         let buildings = buildings(&mut draws);
         let shifts_px: Vec<_> = (0..4).map(|_| Vector2::new(draws.normal(), draws.normal())).collect();
-        let prior = ShiftPrior::new(&places(), &[0.3, 0.5, 0.2, 1.0]);
+        let prior = ShiftPrior::new(&places(), &[0.3, 0.5, 0.2, 1.0], |_, _| 0.0);
         let information = prior.information(&prior.excess(&shifts_px)).unwrap();
         // all unknowns at once: the six parameters, then x and y of the shift of each building
         let mut matrix = DMatrix::zeros(14, 14);
@@ -223,7 +229,7 @@ mod tests {
 
     #[test]
     fn neighbours_are_alike_and_what_is_far_away_is_not() {
-        let covariance = ShiftPrior::new(&places(), &[0.0; 4]).covariance(&[0.0; 4]);
+        let covariance = ShiftPrior::new(&places(), &[0.0; 4], |_, _| 0.0).covariance(&[0.0; 4]);
         let correlation = |i: usize, j: usize| covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt();
         assert!((covariance[(0, 0)].sqrt() - sigma_shift_px()).abs() < 1e-12);
         assert!(correlation(0, 1) > 0.5 && correlation(0, 2) < 0.05);
@@ -231,7 +237,7 @@ mod tests {
 
     #[test]
     fn a_large_shift_costs_weight_and_a_small_one_gains_none() {
-        let prior = ShiftPrior::new(&places()[..1], &[0.5]);
+        let prior = ShiftPrior::new(&places()[..1], &[0.5], |_, _| 0.0);
         let variance = |shift_px: f64| prior.covariance(&prior.excess(&[Vector2::new(shift_px, 0.0)]))[(0, 0)];
         assert!((variance(0.0) - variance(1.0)).abs() < 1e-12);
         assert!(variance(8.0) > 4.0 * variance(0.0));
@@ -243,7 +249,7 @@ mod tests {
     fn the_sum_of_squares_is_that_of_independent_standardised_shifts() {
         let far: Vec<_> = (0..3).map(|k| Vector2::new(100.0 * f64::from(k), 0.0)).collect();
         let shifts_px = [[0.4, -0.1], [0.2, 0.9], [-0.5, 0.3]].map(Vector2::from);
-        let prior = ShiftPrior::new(&far, &[0.0; 3]);
+        let prior = ShiftPrior::new(&far, &[0.0; 3], |_, _| 0.0);
         let information = prior.information(&prior.excess(&shifts_px)).unwrap();
         let expected = shifts_px.iter().map(Vector2::norm_squared).sum::<f64>() / sigma_shift_px().powi(2);
         assert!((squares(&information, &shifts_px) - expected).abs() < 1e-9);

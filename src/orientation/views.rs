@@ -162,8 +162,7 @@ pub(super) struct Frame {
 impl Frame {
     /// The rectangle about the corners and the middles of the sides.
     pub(super) fn of(camera: &Camera) -> Self {
-        let (w, h) = (f64::from(camera.width_px), f64::from(camera.height_px));
-        let around = [0.0, 0.5, 1.0].into_iter().flat_map(|x| [0.0, 0.5, 1.0].map(|y| Vector2::new(x * w, y * h)));
+        let around = [0.0, 0.5, 1.0].into_iter().flat_map(|x| [0.0, 0.5, 1.0].map(|y| camera.frame_px(x, y)));
         let around: Vec<_> = around.filter_map(|pixel| camera.reduced_from_pixel(pixel)).collect();
         Self {
             least_px: around.iter().fold(Vector2::zeros(), |a, b| a.inf(b)),

@@ -1,6 +1,7 @@
 //! Runs the stages and the diagnosis for one image, reports progress, and obeys a cancel.
 
 mod assess;
+mod film;
 mod outcome;
 mod run;
 mod second_look;
@@ -14,6 +15,7 @@ use crate::features::PictureError;
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::learning::Classifier;
 
+pub use self::film::{FilmOutcome, FilmTask, OrientFn, orient_film};
 pub use self::run::orient;
 pub use crate::diagnosis::precision::GroundPrecision;
 pub use crate::estimation::Guarantee;
@@ -55,6 +57,8 @@ pub struct Judge {
 /// The stages, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
+    /// The fiducial marks of a scan of film.
+    Interior,
     /// Where are the control points expected in the image?
     Predict,
     /// Line segments out of the pixels.
@@ -74,6 +78,7 @@ impl Stage {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Interior => "interior",
             Self::Predict => "predict",
             Self::Extract => "extract",
             Self::Locate => "locate",

@@ -26,12 +26,13 @@ impl Scene {
     /// The body of `POST /cameras`.
     #[must_use]
     pub fn camera_body(&self) -> Value {
-        let Brown { k1, k2, k3, p1, p2, b1_px, b2_px } = self.camera.distortion;
+        let Brown { k1, k2, k3, p1, p2, b1_px, b2_px } = self.camera.distortion().copied().unwrap_or_default();
+        let principal_point_px = self.camera.principal_point_px();
         json!({
             "name": format!("simulated-{}", self.seed),
             "image_size_px": [self.camera.width_px, self.camera.height_px],
             "principal_distance_px": self.camera.principal_distance_px,
-            "principal_point_px": [self.camera.principal_point_px.x, self.camera.principal_point_px.y],
+            "principal_point_px": [principal_point_px.x, principal_point_px.y],
             "distortion": {
                 "model": "brown", "k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2, "b1_px": b1_px, "b2_px": b2_px
             }

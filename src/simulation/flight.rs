@@ -65,8 +65,7 @@ pub fn fly(town: &Town, camera: &Camera, seed: u64, settings: &FlightSettings) -
 
 /// The orientation with given angles whose middle of the image shows a point from a height above it.
 fn looking_at(point_m: Vector3<f64>, height_m: f64, angles: Angles, camera: &Camera) -> ExteriorOrientation {
-    let middle = Vector2::new(f64::from(camera.width_px), f64::from(camera.height_px)) / 2.0;
-    let reduced = camera.reduced_from_pixel(middle).unwrap_or_else(Vector2::zeros);
+    let reduced = camera.reduced_from_pixel(camera.frame_px(0.5, 0.5)).unwrap_or_else(Vector2::zeros);
     let here = ExteriorOrientation { projection_centre_m: point_m, camera_from_object: camera_from_object(angles) };
     let ray = here.ray(camera.principal_distance_px, reduced);
     ExteriorOrientation { projection_centre_m: point_m + ray * (height_m / ray.z), ..here }

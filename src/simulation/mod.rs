@@ -1,5 +1,6 @@
 //! Scenes with known truth: a small town, its control points, a flight over it and its aerial photograph, drawn from
 //! one seed. For the demonstration, the tests, the benchmarks and the study of thousands of images (`crate::study`).
+//! Scans of aerial film with fiducial marks are in [`film`].
 //!
 //! [`Scene::draw`] gives everything but the picture, [`Scene::render`] the picture, [`Scene::picture`] one that is
 //! rendered only where it is read, [`Scene::write`] the files that the service and the command line read. A seed gives the same bytes on every machine: the draws are ChaCha8's, the

@@ -4,7 +4,7 @@
 //! through the places at which rays are taken. They are found exactly at every fourth pixel and interpolated between
 //! (the error is below 0.001 px for any lens that bends straight lines by less than a few per cent).
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::draws::floor_and_rest;
 use super::surface::{Face, Patch, Puff};
@@ -73,6 +73,18 @@ impl Bounds {
     fn around(points: impl Iterator<Item = Vector2<f64>>) -> Self {
         let none = Self { low: Self::EVERYWHERE.high, high: Self::EVERYWHERE.low };
         points.fold(none, |b, p| Self { low: b.low.inf(&p), high: b.high.sup(&p) })
+    }
+
+    /// What is common to two rectangles that touch.
+    fn within(&self, other: &Self) -> Self {
+        Self { low: self.low.sup(&other.low), high: self.high.inf(&other.high) }
+    }
+
+    /// The rectangle about what a matrix makes of this one.
+    fn taken_by(&self, matrix: &Matrix2<f64>) -> Self {
+        let ends = [0, 1].map(|k| (matrix.column(k) * self.low[k], matrix.column(k) * self.high[k]));
+        let [(a, b), (c, d)] = ends;
+        Self { low: a.inf(&b) + c.inf(&d), high: a.sup(&b) + c.sup(&d) }
     }
 
     fn touches(&self, other: &Self) -> bool {
@@ -216,13 +228,14 @@ pub(crate) struct Tile {
     pub(crate) corner_px: [i32; 2],
     pub(crate) rays_per_pixel: usize,
     bounds: Bounds,
-    /// The least and the greatest difference of a pixel and its reduced point.
+    /// The least and the greatest difference of a pixel and what [`Self::pixel_by_ideal`] makes of its ideal point.
     shift_px: Bounds,
     /// At every fourth pixel, exactly: the ideal point, and 1 / depth of the ground on its ray.
     nodes: Vec<Vector3<f64>>,
     /// Where the corners of the tile are on the ground, row by row.
     pub(crate) ground_corners_m: [Vector2<f64>; 4],
-    principal_distance_px: f64,
+    /// How ideal points turn, reflect and grow on their way to pixels.
+    pixel_by_ideal: Matrix2<f64>,
 }
 
 impl Tile {
@@ -239,19 +252,19 @@ impl Tile {
         };
         let nodes: Vec<Vector3<f64>> = (0..NODES * NODES).map(node).collect::<Option<_>>()?;
         let bounds = Bounds::around(nodes.iter().map(|node| node.xy()));
-        let principal_distance_px = eye.camera.principal_distance_px;
-        let shift = |(i, node): (usize, &Vector3<f64>)| pixel(i) - node.xy() * principal_distance_px;
+        let pixel_by_ideal = eye.camera.pixel_by_reduced() * eye.camera.principal_distance_px;
+        let shift = |(i, node): (usize, &Vector3<f64>)| pixel(i) - pixel_by_ideal * node.xy();
         let shift_px = Bounds::around(nodes.iter().enumerate().map(shift));
         let rays_per_pixel = rays_per_pixel as usize;
         let corners = [0, NODES - 1, NODES * (NODES - 1), NODES * NODES - 1].map(|i| nodes[i]);
         let ground_corners_m = corners.map(|ray| eye.point_m(ray.xy(), 1.0 / ray.z).xy());
-        Some(Self { corner_px, rays_per_pixel, bounds, shift_px, nodes, ground_corners_m, principal_distance_px })
+        Some(Self { corner_px, rays_per_pixel, bounds, shift_px, nodes, ground_corners_m, pixel_by_ideal })
     }
 
     /// The rays of the tile that may meet something with these bounds.
     fn rays(&self, bounds: &Bounds) -> impl Iterator<Item = usize> + use<> {
-        let low = bounds.low * self.principal_distance_px + self.shift_px.low;
-        let high = bounds.high * self.principal_distance_px + self.shift_px.high;
+        let Bounds { low, high } = bounds.within(&self.bounds).taken_by(&self.pixel_by_ideal);
+        let (low, high) = (low + self.shift_px.low, high + self.shift_px.high);
         let range = |low: f64, high: f64, corner: i32| {
             let clamp = |pixel: f64| (pixel - f64::from(corner)).clamp(0.0, TILE_PX as f64) as usize;
             clamp(low.floor() - 1.0)..clamp(high.ceil() + 1.0)

@@ -2,8 +2,8 @@
 
 use chrono::{DateTime, Utc};
 use nalgebra::Vector2;
-use sqlx::FromRow;
-use sqlx::sqlite::SqliteRow;
+use sqlx::sqlite::{SqliteQueryResult, SqliteRow};
+use sqlx::{FromRow, Sqlite, Transaction};
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
@@ -16,10 +16,36 @@ pub struct NamedCamera {
     pub id: Uuid,
     /// Unique.
     pub name: String,
-    /// Its interior orientation.
-    pub camera: Camera,
+    /// What it is.
+    pub kind: CameraKind,
     /// When it was first given.
     pub created_at: DateTime<Utc>,
+}
+
+/// The two kinds of cameras.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CameraKind {
+    /// A digital camera with its interior orientation.
+    Digital(Camera),
+    /// A film camera: its definition as JSON.
+    Film(String),
+}
+
+impl NamedCamera {
+    /// Its interior orientation, if it is a digital camera.
+    #[must_use]
+    pub fn digital(&self) -> Option<&Camera> {
+        match &self.kind {
+            CameraKind::Digital(camera) => Some(camera),
+            CameraKind::Film(_) => None,
+        }
+    }
+
+    /// Columns and rows of its images; scans of film differ.
+    #[must_use]
+    pub fn image_size_px(&self) -> Option<[u32; 2]> {
+        self.digital().map(|camera| [camera.width_px, camera.height_px])
+    }
 }
 
 /// What became of a camera that was to be added.
@@ -31,6 +57,8 @@ pub enum Added {
     Same(NamedCamera),
     /// The name belongs to a camera with other values.
     Different(NamedCamera),
+    /// A template that it needs was removed meanwhile.
+    TemplateGone,
 }
 
 /// What became of a camera that was to be removed.
@@ -42,6 +70,18 @@ pub enum Removed {
     Missing,
     /// Something else refers to it.
     InUse,
+}
+
+impl Removed {
+    /// From what the database says of a row that was to be deleted.
+    pub(super) fn of(done: Result<SqliteQueryResult, sqlx::Error>) -> Result<Self, StoreError> {
+        match done {
+            Ok(done) if done.rows_affected() == 0 => Ok(Self::Missing),
+            Ok(_) => Ok(Self::Gone),
+            Err(sqlx::Error::Database(error)) if error.is_foreign_key_violation() => Ok(Self::InUse),
+            Err(error) => Err(error.into()),
+        }
+    }
 }
 
 #[derive(FromRow)]
@@ -61,21 +101,32 @@ struct Row {
     b1_px: f64,
     b2_px: f64,
     created_at: DateTime<Utc>,
+    film: Option<String>,
 }
 
 impl FromRow<'_, SqliteRow> for NamedCamera {
     fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         let row = Row::from_row(row)?;
-        let Row { k1, k2, k3, p1, p2, b1_px, b2_px, .. } = row;
+        let (id, name, created_at) = (row.id, row.name.clone(), row.created_at);
+        let kind = row.kind()?;
+        Ok(Self { id, name, kind, created_at })
+    }
+}
+
+impl Row {
+    fn kind(self) -> Result<CameraKind, sqlx::Error> {
+        if let Some(film) = self.film {
+            return Ok(CameraKind::Film(film));
+        }
+        let Self { k1, k2, k3, p1, p2, b1_px, b2_px, .. } = self;
         let camera = Camera::new(
-            [row.width_px, row.height_px],
-            row.principal_distance_px,
-            Vector2::new(row.principal_point_x_px, row.principal_point_y_px),
+            [self.width_px, self.height_px],
+            self.principal_distance_px,
+            Vector2::new(self.principal_point_x_px, self.principal_point_y_px),
             Brown { k1, k2, k3, p1, p2, b1_px, b2_px },
         );
         // none was stored that could not be used
-        let camera = camera.map_err(|error| sqlx::Error::Decode(error.into()))?;
-        Ok(Self { id: row.id, name: row.name, camera, created_at: row.created_at })
+        camera.map(CameraKind::Digital).map_err(|error| sqlx::Error::Decode(error.into()))
     }
 }
 
@@ -85,7 +136,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn add_camera(&self, id: Uuid, name: &str, camera: &Camera) -> Result<Added, StoreError> {
-        let d = &camera.distortion;
+        let d = camera.distortion().copied().unwrap_or_default();
+        let principal_point_px = camera.principal_point_px();
         let mut transaction = self.begin_write().await?;
         let inserted = sqlx::query(
             "INSERT INTO cameras (id, name, width_px, height_px, principal_distance_px, principal_point_x_px,
@@ -97,8 +149,8 @@ impl Store {
         .bind(camera.width_px)
         .bind(camera.height_px)
         .bind(camera.principal_distance_px)
-        .bind(camera.principal_point_px.x)
-        .bind(camera.principal_point_px.y)
+        .bind(principal_point_px.x)
+        .bind(principal_point_px.y)
         .bind(d.k1)
         .bind(d.k2)
         .bind(d.k3)
@@ -110,14 +162,42 @@ impl Store {
         .execute(&mut *transaction)
         .await?
         .rows_affected();
-        let stored: NamedCamera =
-            sqlx::query_as("SELECT * FROM cameras WHERE name = ?").bind(name).fetch_one(&mut *transaction).await?;
+        let added = added(&mut transaction, inserted, name, &CameraKind::Digital(*camera)).await?;
         transaction.commit().await?;
-        Ok(match (inserted, stored.camera == *camera) {
-            (1, _) => Added::New(stored),
-            (_, true) => Added::Same(stored),
-            (_, false) => Added::Different(stored),
-        })
+        Ok(added)
+    }
+
+    /// Adds a film camera under its name, as `id`: its definition as JSON, and the uploaded templates that it needs.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn add_film_camera(
+        &self,
+        id: Uuid,
+        name: &str,
+        definition: &str,
+        templates: &[Uuid],
+    ) -> Result<Added, StoreError> {
+        let mut transaction = self.begin_write().await?;
+        let inserted = sqlx::query(
+            "INSERT INTO cameras (id, name, width_px, height_px, principal_distance_px, principal_point_x_px,
+             principal_point_y_px, k1, k2, k3, p1, p2, b1_px, b2_px, film, created_at)
+             VALUES (?, ?, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, ?, ?) ON CONFLICT DO NOTHING",
+        )
+        .bind(id)
+        .bind(name)
+        .bind(definition)
+        .bind(now())
+        .execute(&mut *transaction)
+        .await?
+        .rows_affected();
+        // what is dropped without a commit leaves nothing
+        if inserted == 1 && !refer(&mut transaction, id, templates).await? {
+            return Ok(Added::TemplateGone);
+        }
+        let added = added(&mut transaction, inserted, name, &CameraKind::Film(definition.to_owned())).await?;
+        transaction.commit().await?;
+        Ok(added)
     }
 
     /// The camera with this id or, failing that, this name.
@@ -153,11 +233,44 @@ impl Store {
         let Some(NamedCamera { id, .. }) = self.camera(id_or_name).await? else {
             return Ok(Removed::Missing);
         };
-        match sqlx::query("DELETE FROM cameras WHERE id = ?").bind(id).execute(&self.pool).await {
-            Ok(done) if done.rows_affected() == 0 => Ok(Removed::Missing),
-            Ok(_) => Ok(Removed::Gone),
-            Err(sqlx::Error::Database(error)) if error.is_foreign_key_violation() => Ok(Removed::InUse),
-            Err(error) => Err(error.into()),
+        let done = sqlx::query("DELETE FROM cameras WHERE id = ?").bind(id).execute(&self.pool).await;
+        Removed::of(done)
+    }
+}
+
+/// What the camera's name now belongs to.
+async fn added(
+    transaction: &mut Transaction<'_, Sqlite>,
+    inserted: u64,
+    name: &str,
+    kind: &CameraKind,
+) -> Result<Added, StoreError> {
+    let stored: NamedCamera =
+        sqlx::query_as("SELECT * FROM cameras WHERE name = ?").bind(name).fetch_one(&mut **transaction).await?;
+    Ok(match (inserted, stored.kind == *kind) {
+        (1, _) => Added::New(stored),
+        (_, true) => Added::Same(stored),
+        (_, false) => Added::Different(stored),
+    })
+}
+
+/// Notes which templates a camera needs; `false` if one is not there.
+async fn refer(
+    transaction: &mut Transaction<'_, Sqlite>,
+    camera: Uuid,
+    templates: &[Uuid],
+) -> Result<bool, StoreError> {
+    for template in templates {
+        let done = sqlx::query("INSERT INTO camera_mark_templates (camera_id, template_id) VALUES (?, ?)")
+            .bind(camera)
+            .bind(template)
+            .execute(&mut **transaction)
+            .await;
+        match done {
+            Ok(_) => {}
+            Err(sqlx::Error::Database(error)) if error.is_foreign_key_violation() => return Ok(false),
+            Err(error) => return Err(error.into()),
         }
     }
+    Ok(true)
 }

@@ -17,7 +17,7 @@ use uuid::Uuid;
 use super::{Store, StoreError, now};
 
 pub(super) const FOLDER: &str = "images";
-pub(super) const INCOMING: &str = "incoming";
+pub(crate) const INCOMING: &str = "incoming";
 /// A file without a row may belong to an upload that another process is just finishing; later than this it does not.
 const FILE_WITHOUT_ROW_KEPT: Duration = Duration::from_secs(3600);
 

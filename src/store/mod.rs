@@ -1,5 +1,5 @@
-//! What the service remembers: cameras, images, keys, orientations with their references, classifiers, and the answers to
-//! repeated requests, in one data folder.
+//! What the service remembers: cameras, templates of marks, images, keys, orientations with their references, classifiers,
+//! and the answers to repeated requests, in one data folder.
 //!
 //! `gable.db` is an SQLite database in write-ahead mode that syncs every commit; `images/` holds the uploaded files by
 //! their SHA-256; `incoming/` the uploads under way. Other rooms keep their own tables in the same database through
@@ -10,6 +10,7 @@ pub mod classifiers;
 pub mod idempotency;
 pub mod images;
 pub mod keys;
+pub mod mark_templates;
 pub mod orientations;
 pub mod references;
 pub mod sightings;

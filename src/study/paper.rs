@@ -147,9 +147,8 @@ fn located(
     let half_width_px = (WINDOW_SIGMAS * sigma_px).clamp(HALF_WIDTH_PX[0], HALF_WIDTH_PX[1]);
     let edges: Vec<Segment2> = edges_px(camera, &prediction.orientation, control_point).into_iter().flatten().collect();
     let reach_px = reach(&edges, predicted);
-    let middle = camera.pixel_from_reduced(predicted);
-    let half = Vector2::repeat(half_width_px + reach_px);
-    extraction.cover(middle - half, middle + half)?;
+    let [least, largest] = camera.pixels_around(predicted, half_width_px + reach_px);
+    extraction.cover(least, largest)?;
     let clustering =
         Clustering { half_width_px, cell_px: CELL_PX, direction_tolerance_rad: DIRECTION_TOLERANCE_RAD, fine: true };
     let peaks = shift_map(&edges, predicted, extraction.segments(), &clustering).peaks(1);

@@ -74,5 +74,5 @@ async fn cameras_outlive_the_process() {
     let reopened = gable::store::Store::open(service.state.store.folder()).await.unwrap();
     let kept = reopened.camera("lasting").await.unwrap().unwrap();
     assert_eq!(made["id"], kept.id.to_string());
-    assert_eq!(kept.camera.distortion.k1.to_bits(), (-0.01_f64).to_bits());
+    assert_eq!(kept.digital().unwrap().distortion().unwrap().k1.to_bits(), (-0.01_f64).to_bits());
 }

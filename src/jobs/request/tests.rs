@@ -52,7 +52,7 @@ fn with(pointer: &str, value: Value) -> OrientationRequest {
 
 #[test]
 fn a_complete_request_is_taken_as_it_is() {
-    let prepared = request(complete()).prepare(&camera(), &bare()).unwrap();
+    let prepared = request(complete()).prepare(Some([4000, 3000]), &bare()).unwrap();
     assert_eq!(prepared.approximation.kappa_deg, Some(12.5));
     assert_eq!(prepared.approximation.origin.position, Origin::Request);
     assert_eq!(prepared.output_crs, "EPSG:32614");
@@ -87,7 +87,7 @@ fn a_complete_request_is_taken_as_it_is() {
 #[case("/control", json!("scenes"), "/control")]
 #[case("/webhook", json!("https://example.org"), "/webhook")]
 fn a_bad_field_is_named(#[case] pointer: &str, #[case] value: Value, #[case] named: &str) {
-    let faults = with(pointer, value).prepare(&camera(), &bare()).unwrap_err();
+    let faults = with(pointer, value).prepare(Some([4000, 3000]), &bare()).unwrap_err();
     assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), [named], "{faults:?}");
 }
 
@@ -97,21 +97,21 @@ fn all_faults_are_named_at_once() {
     body["approximation"]["omega_deg"] = json!(100);
     body["tolerance_gsd"] = json!(-1);
     body["approximation"]["position"]["crs"] = json!("nonsense");
-    let faults = request(body).prepare(&camera(), &bare()).unwrap_err();
+    let faults = request(body).prepare(Some([4000, 3000]), &bare()).unwrap_err();
     assert_eq!(faults.len(), 3, "{faults:?}");
 }
 
 #[test]
 fn the_camera_s_frame_is_that_of_the_image() {
     let turned = ImageFacts { size_px: [3000, 4000], ..bare() };
-    let faults = request(complete()).prepare(&camera(), &turned).unwrap_err();
+    let faults = request(complete()).prepare(Some([4000, 3000]), &turned).unwrap_err();
     assert_eq!(faults[0].pointer, "/camera");
     assert!(faults[0].detail.contains("3000 x 4000"), "{}", faults[0].detail);
 }
 
 #[test]
 fn what_is_left_out_comes_from_the_image_file() {
-    let used = request(json!({"image": "0190", "camera": "c"})).prepare(&camera(), &with_exif()).unwrap();
+    let used = request(json!({"image": "0190", "camera": "c"})).prepare(Some([4000, 3000]), &with_exif()).unwrap();
     let approximation = &used.approximation;
     assert_eq!(approximation.position.coordinates, [-98.09, 30.16, 317.3]);
     assert_eq!((approximation.omega_deg, approximation.phi_deg, approximation.sigma_tilt_deg), (0.0, 0.0, 5.0));
@@ -127,7 +127,7 @@ fn what_is_left_out_comes_from_the_image_file() {
 #[test]
 fn an_undulation_makes_the_exif_altitude_ellipsoidal() {
     let body = json!({"image": "0190", "camera": "c", "approximation": {"vertical": {"geoid_undulation_m": -27.0}}});
-    let prepared = request(body).prepare(&camera(), &with_exif()).unwrap();
+    let prepared = request(body).prepare(Some([4000, 3000]), &with_exif()).unwrap();
     assert_eq!(prepared.approximation.sigma_position_m, [15.0, 15.0, 30.0]);
     assert!(prepared.warnings.is_empty());
     let work = prepared.work(camera(), &shipped_classifier().unwrap()).unwrap();
@@ -141,18 +141,19 @@ fn a_receiver_that_knows_its_error_is_believed_but_not_below_a_metre() {
     for (error_m, sigma_m) in [(4.0, 4.0), (0.02, 1.0)] {
         let position = with_exif().position.map(|p| ExifPosition { horizontal_error_m: Some(error_m), ..p });
         let facts = ImageFacts { position, ..with_exif() };
-        let prepared = request(json!({"image": "0190", "camera": "c"})).prepare(&camera(), &facts).unwrap();
+        let prepared = request(json!({"image": "0190", "camera": "c"})).prepare(Some([4000, 3000]), &facts).unwrap();
         assert_eq!(prepared.approximation.sigma_position_m[..2], [sigma_m, sigma_m]);
     }
 }
 
 #[test]
 fn without_any_position_there_is_nothing_to_begin_with() {
-    let faults = request(json!({"image": "0190", "camera": "c"})).prepare(&camera(), &bare()).unwrap_err();
+    let faults = request(json!({"image": "0190", "camera": "c"})).prepare(Some([4000, 3000]), &bare()).unwrap_err();
     assert_eq!(faults[0].pointer, "/approximation/position");
     let position = with_exif().position.map(|position| ExifPosition { altitude_m: None, ..position });
     let no_altitude = ImageFacts { position, ..bare() };
-    let faults = request(json!({"image": "0190", "camera": "c"})).prepare(&camera(), &no_altitude).unwrap_err();
+    let faults =
+        request(json!({"image": "0190", "camera": "c"})).prepare(Some([4000, 3000]), &no_altitude).unwrap_err();
     assert!(faults[0].detail.contains("altitude"), "{}", faults[0].detail);
 }
 
@@ -163,20 +164,20 @@ fn an_unknown_kappa_opens_the_whole_circle() {
     approximation.remove("kappa_deg");
     approximation.remove("sigma_kappa_deg");
     let work = request(body.clone())
-        .prepare(&camera(), &bare())
+        .prepare(Some([4000, 3000]), &bare())
         .unwrap()
         .work(camera(), &shipped_classifier().unwrap())
         .unwrap();
     assert_eq!(work.task.approximation.sigma_kappa_rad, None);
     body["approximation"]["sigma_kappa_deg"] = json!(3);
-    let faults = request(body).prepare(&camera(), &bare()).unwrap_err();
+    let faults = request(body).prepare(Some([4000, 3000]), &bare()).unwrap_err();
     assert_eq!(faults[0].pointer, "/approximation/sigma_kappa_deg");
 }
 
 #[test]
 fn the_work_is_in_the_frame_at_the_foot_of_the_position() {
     let work = request(complete())
-        .prepare(&camera(), &bare())
+        .prepare(Some([4000, 3000]), &bare())
         .unwrap()
         .work(camera(), &shipped_classifier().unwrap())
         .unwrap();

@@ -47,7 +47,12 @@ impl Bench {
         let mut request = json!({"image": self.image_id, "camera": "camera", "approximation": {"position": position}});
         request[tolerance.0] = tolerance.1.into();
         let request: OrientationRequest = serde_json::from_value(request).unwrap();
-        request.prepare(&self.camera, &ImageFacts { size_px: SIZE_PX, ..ImageFacts::default() }).unwrap()
+        request
+            .prepare(
+                Some([self.camera.width_px, self.camera.height_px]),
+                &ImageFacts { size_px: SIZE_PX, ..ImageFacts::default() },
+            )
+            .unwrap()
     }
 
     /// Orientations of the image that have succeeded with these records.

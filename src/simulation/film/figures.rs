@@ -34,7 +34,8 @@ pub(super) fn figures(library: Library, making: &Making) -> Vec<Blot> {
         Library::WildRc20 => pen.cross(pen.ground_square(2.2), [0.4, 1.8, 0.10], 0.09, None),
         Library::LeicaRc30 => pen.cross(pen.ground_disc(2.4), [0.9, 2.0, 0.10], 0.08, Some([0.6, 0.09])),
         Library::ZeissRmk => {
-            let wedge = Shape::Wedge { slope: 0.6, length: 4.6 };
+            // longer than it is seen: it stays joined to the frame where it is shifted
+            let wedge = Shape::Wedge { slope: 0.6, length: 8.0 };
             vec![Blot::new(wedge, Vector2::new(-1.6, 0.0), making.dark), pen.dot(0.12)]
         }
         Library::ZeissRmkTop => {
@@ -48,7 +49,7 @@ pub(super) fn figures(library: Library, making: &Making) -> Vec<Blot> {
             vec![Blot::new(tongue, Vector2::zeros(), making.dark), pen.dot(0.12)]
         }
         Library::FairchildWing => {
-            let wing = Shape::Wedge { slope: (1.0 / 0.577) as f32, length: 4.0 };
+            let wing = Shape::Wedge { slope: (1.0 / 0.577) as f32, length: 8.0 };
             vec![Blot::new(wing, Vector2::zeros(), making.dark)]
         }
         Library::Arrow => vec![pen.ground_square(2.2), pen.head(), pen.bar([-1.5, 0.2], 0.25)],

@@ -20,7 +20,7 @@ const ZONE_PX: u32 = 256;
 const LAND_PX: u32 = 8;
 const LANDS: usize = (BLOCK_PX / LAND_PX) as usize + 1;
 /// The same in cells, for reduced windows.
-const BLOCK_CELLS: u32 = 4;
+const BLOCK_CELLS: u32 = 2;
 const ZONE_CELLS: u32 = 32;
 /// A little more than the square root of 2: half a square's diagonal by half its side.
 const DIAGONAL: f64 = 1.42;
@@ -150,7 +150,7 @@ impl<'a> SimulatedScan<'a> {
         };
         let mut target = Target { rect, content, grey: vec![0.0; rect.width as usize * rect.height as usize] };
         for zone in tiles(rect, ZONE_PX) {
-            let sheet = self.near(zone);
+            let sheet = self.near(zone, BLOCK_PX);
             for block in tiles(zone, BLOCK_PX) {
                 self.block(block, &sheet, &mut target);
             }
@@ -159,14 +159,15 @@ impl<'a> SimulatedScan<'a> {
         target.grey
     }
 
-    /// The part of the film that may be felt in a rectangle.
-    fn near(&self, rect: PixelRect) -> Sheet {
+    /// The part of the film that may be felt in a rectangle and in blocks of such a side that reach beyond it.
+    fn near(&self, rect: PixelRect, block_px: u32) -> Sheet {
         let centre = |from: u32, length: u32| f64::from(from) + 0.5 * f64::from(length);
         let centre_mm = self.plate_at(centre(rect.x, rect.width), centre(rect.y, rect.height));
-        let pixel_mm = self.layout.pixel_mm();
-        let longer_px = f64::from(rect.width.max(rect.height));
-        // more than half a diagonal, and a blur of a pixel and more, for reduced cells
-        self.sheet.near(centre_mm, 0.72 * longer_px * pixel_mm, 0.05 * longer_px * pixel_mm + 2.0 * pixel_mm)
+        let (pixel_mm, block_px) = (self.layout.pixel_mm(), f64::from(block_px));
+        let half_px = 0.5 * f64::from(rect.width.max(rect.height)) + block_px;
+        // a cell's blur is less than a pixel's and a block's side together
+        let sigma_mm = (self.tone.blur_px + block_px) * pixel_mm;
+        self.sheet.near(centre_mm, half_px * DIAGONAL * pixel_mm, sigma_mm)
     }
 
     /// The pixels of a block without grain.
@@ -242,7 +243,7 @@ impl<'a> SimulatedScan<'a> {
         {
             let [x, y] = [rect.x + zone.x * reduction, rect.y + zone.y * reduction];
             let in_pixels = PixelRect { x, y, width: zone.width * reduction, height: zone.height * reduction };
-            let sheet = self.near(in_pixels);
+            let sheet = self.near(in_pixels, BLOCK_CELLS * reduction);
             for block in tiles(zone, BLOCK_CELLS) {
                 self.cell_block(block, &sheet, &content, window);
             }

@@ -52,7 +52,7 @@ fn printed(line: &Line, count: u32, tone: f32, draws: &mut Draws) -> Vec<Blot> {
 /// What a camera writes beside the image, 4 to 12 mm outside of its edge: counters, a clock, lit windows, a note.
 pub(super) fn data_strip(side: Side, edge_mm: f64, tone: f32, draws: &mut Draws) -> Vec<Blot> {
     let out = outwards(side);
-    let along = -out.perp_vector();
+    let along = -perpendicular(out);
     let mut blots = Vec::new();
     let mut left_mm = draws.between(-100.0, -70.0);
     for _ in 0..4 + draws.below(4) {
@@ -106,10 +106,10 @@ fn beside_an_edge(half_mm: [f64; 2], height_mm: f64, draws: &mut Draws) -> Line 
     let out = outwards(side);
     let edge_mm = if matches!(side, Side::Left | Side::Right) { half_mm[0] } else { half_mm[1] };
     let slant = direction(draws.within(0.12));
-    let along = -out.perp_vector() * if draws.chance(0.5) { 1.0 } else { -1.0 };
+    let along = -perpendicular(out) * if draws.chance(0.5) { 1.0 } else { -1.0 };
     let along = Vector2::new(slant.x * along.x - slant.y * along.y, slant.y * along.x + slant.x * along.y);
     let start_mm = out * (edge_mm + draws.between(-14.0, 6.0)) + along * draws.between(-110.0, 70.0);
-    Line { start_mm, along, up: -along.perp_vector() * -1.0, height_mm }
+    Line { start_mm, along, up: perpendicular(along), height_mm }
 }
 
 /// A word by a thick pen.
@@ -147,13 +147,7 @@ pub(super) fn stamp(half_mm: [f64; 2], draws: &mut Draws) -> Vec<Blot> {
     blots.into_iter().map(|blot| blot.thinned(opacity).softened(0.03)).collect()
 }
 
-/// A quarter turn clockwise is `-perpendicular`.
-trait Perpendicular {
-    fn perp_vector(&self) -> Self;
-}
-
-impl Perpendicular for Vector2<f64> {
-    fn perp_vector(&self) -> Self {
-        Self::new(-self.y, self.x)
-    }
+/// A quarter turn counter-clockwise.
+fn perpendicular(vector: Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(-vector.y, vector.x)
 }
