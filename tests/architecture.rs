@@ -41,7 +41,7 @@ const ROOMS: &[Room] = &[
     Room("imagery", &["features"]),
     Room("control", &["geometry", "orientation", "pipeline"]),
     Room("store", &["geometry"]),
-    Room("report", &["geometry", "features", "diagnosis", "pipeline", "classifiers"]),
+    Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
         "jobs",
         &[
@@ -52,6 +52,7 @@ const ROOMS: &[Room] = &[
             "orientation",
             "learning",
             "diagnosis",
+            "interior",
             "pipeline",
             "classifiers",
             "imagery",
@@ -69,6 +70,7 @@ const ROOMS: &[Room] = &[
             "interior",
             "learning",
             "diagnosis",
+            "interior",
             "pipeline",
             "classifiers",
             "imagery",
