@@ -6,7 +6,7 @@ use sqlx::SqlitePool;
 use super::model::StoredControlPoint;
 use super::region::{GeodeticBox, longitude_latitude_deg};
 use super::{ControlError, sqlite};
-use crate::geometry::{Camera, LocalFrame};
+use crate::geometry::LocalFrame;
 use crate::orientation::ControlPoint;
 use crate::pipeline::Approximation;
 
@@ -120,7 +120,7 @@ fn extent_m(point: &ControlPoint) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Brown, ExteriorOrientation, rotation};
+    use crate::geometry::{Brown, Camera, ExteriorOrientation, rotation};
     use nalgebra::{Vector2, Vector3};
 
     fn approximation(height_m: f64, omega_rad: f64) -> Approximation {

@@ -207,7 +207,12 @@ async fn what_may_be_in_view_is_found(#[case] lon: f64) {
 async fn an_empty_database_has_nothing_in_view() {
     let (camera, approximation) = nadir(500.0);
     let frame = LocalFrame::at(16.6, 52.7, 0.0);
-    assert!(around(&database().await, &frame, camera.half_view_rad(), &approximation, Reach::default()).await.unwrap().is_empty());
+    assert!(
+        around(&database().await, &frame, camera.half_view_rad(), &approximation, Reach::default())
+            .await
+            .unwrap()
+            .is_empty()
+    );
 }
 
 #[tokio::test]

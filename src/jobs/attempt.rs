@@ -290,7 +290,8 @@ impl Inner {
         let work = prepared.work(camera, &self.active.get(&self.store).await?)?;
         let pool = self.store.pool();
         let control =
-            control::around(pool, &work.frame, work.camera.half_view_rad(), &work.approximation, self.settings.reach).await?;
+            control::around(pool, &work.frame, work.camera.half_view_rad(), &work.approximation, self.settings.reach)
+                .await?;
         Ok(Loaded { path: self.store.image_path(&image.sha256), prepared, work, control })
     }
 
