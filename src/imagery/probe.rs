@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
-use super::exif::{self, ExifHeading, ExifPosition};
+use super::exif::{self, Clues, ExifHeading, ExifPosition};
 use super::{ImageryError, Limits, jpeg, png, tiff};
 
 /// A format that is read.
@@ -55,6 +55,8 @@ pub struct Probe {
     pub position: Option<ExifPosition>,
     /// Where the camera, or the drone, says that the top of the picture points.
     pub heading: Option<ExifHeading>,
+    /// Side of a pixel on the film, of a TIFF whose resolution is one that film is scanned with.
+    pub pixel_size_um: Option<f64>,
 }
 
 /// Reads the header of the picture at `path`. That does not prove that the picture is complete: only
@@ -84,7 +86,8 @@ pub fn probe(path: &Path, limits: &Limits) -> Result<Probe, ImageryError> {
         Format::Tiff => tiff::read_header(file, limits)?,
     };
     let [width_px, height_px] = size_px;
-    Ok(Probe { format, width_px, height_px, bits, position: clues.position, heading: clues.heading })
+    let Clues { position, heading, pixel_size_um } = clues;
+    Ok(Probe { format, width_px, height_px, bits, position, heading, pixel_size_um })
 }
 
 /// Opens a file for reading from its beginning.

@@ -38,7 +38,10 @@ impl InteriorResult {
             image_size_px: size_px,
             format_mm: plate.format_mm,
             pixel_size_um: 1e3 * found.pixel_mm,
-            polarity: found.decision.as_ref().map(|_| (if found.negative { "negative" } else { "positive" }).to_owned()),
+            polarity: found
+                .decision
+                .as_ref()
+                .map(|_| (if found.negative { "negative" } else { "positive" }).to_owned()),
             plate_orientation: found.decision.as_ref().map(orientation_report),
             transformation: transformation.and_then(|t| transformation_report(t, &found.marks)),
             marks: found.marks.iter().map(|m| mark_report(m, linear(m.plate_mm).as_ref(), unit_px)).collect(),

@@ -3,6 +3,7 @@
 mod chunk_cache;
 mod gps;
 mod layout;
+mod resolution;
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -39,7 +40,7 @@ pub(super) struct TiffWindows {
 /// Size, bits of a sample and what is known of the orientation.
 pub(super) fn read_header(file: BufReader<File>, limits: &Limits) -> Result<([u32; 2], u8, Clues), ImageryError> {
     let (mut decoder, layout) = start(file, limits)?;
-    let clues = gps::clues(&mut decoder);
+    let clues = Clues { pixel_size_um: resolution::pixel_size_um(&mut decoder), ..gps::clues(&mut decoder) };
     let xmp = decoder.find_tag(Tag::Unknown(700)).ok().flatten().and_then(|value| value.into_u8_vec().ok());
     Ok((layout.size_px, layout.bits, exif::with_xmp(clues, xmp.as_deref())))
 }

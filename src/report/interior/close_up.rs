@@ -44,11 +44,7 @@ pub fn close_up(
     }
 }
 
-pub(super) fn drawn(
-    picture: &dyn Picture,
-    pixel_um: f64,
-    mark: &MarkReport,
-) -> Result<Option<RgbImage>, PictureError> {
+pub(super) fn drawn(picture: &dyn Picture, pixel_um: f64, mark: &MarkReport) -> Result<Option<RgbImage>, PictureError> {
     let side = (1e3 * SHOWN_MM / pixel_um).clamp(SHOWN_PX[0], SHOWN_PX[1]).round();
     let Some(middle) = middle(mark, side) else { return Ok(None) };
     let Some(view) = View::about(middle, side, picture.size_px()) else { return Ok(None) };
@@ -56,7 +52,12 @@ pub(super) fn drawn(
     let mut canvas = Canvas::from_grey(&view.magnified(&scan));
     if let Some(at) = mark.predicted_px {
         let diagonal = 0.5_f64.sqrt();
-        cross(&mut canvas, view.place(at), [Vector2::new(diagonal, diagonal), Vector2::new(diagonal, -diagonal)], PREDICTED);
+        cross(
+            &mut canvas,
+            view.place(at),
+            [Vector2::new(diagonal, diagonal), Vector2::new(diagonal, -diagonal)],
+            PREDICTED,
+        );
     }
     if let Some(at) = mark.located_px {
         cross(&mut canvas, view.place(at), [Vector2::x(), Vector2::y()], LOCATED);

@@ -240,11 +240,9 @@ fn legend(svg: &mut String, scale: &Scale, result: &InteriorResult) {
     let text = |svg: &mut String, row: f64, words: &str| {
         let _ = writeln!(svg, "<text x=\"{:.1}\" y=\"{:.1}\">{words}</text>", LEGEND + 28.0, y + row + 5.0);
     };
-    for (row, fill, stroke, words) in [
-        (60.0, USED, USED, "used"),
-        (86.0, UNUSED, UNUSED, "found, not used"),
-        (112.0, "white", UNUSED, "not found"),
-    ] {
+    for (row, fill, stroke, words) in
+        [(60.0, USED, USED, "used"), (86.0, UNUSED, UNUSED, "found, not used"), (112.0, "white", UNUSED, "not found")]
+    {
         let _ = writeln!(
             svg,
             "<circle cx=\"{x:.1}\" cy=\"{:.1}\" r=\"4\" fill=\"{fill}\" stroke=\"{stroke}\" stroke-width=\"1.5\"/>",
