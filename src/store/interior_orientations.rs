@@ -175,7 +175,7 @@ mod tests {
         for camera in ["camera", &bench.camera_id.to_string()] {
             assert_eq!(listed(Filter { camera: Some(camera.into()), ..Filter::default() }).await.len(), 2);
         }
-        assert_eq!(listed(Filter { camera: Some("another".into()), ..Filter::default() }).await, []);
+        assert_eq!(listed(Filter { camera: Some("another".into()), ..Filter::default() }).await, Vec::<Uuid>::new());
         assert_eq!(bench.store.remove_camera("camera").await.unwrap(), Removed::InUse);
         assert!(bench.store.remove_interior_orientation(red.id).await.unwrap());
         assert!(!bench.store.remove_interior_orientation(red.id).await.unwrap());
