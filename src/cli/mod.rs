@@ -5,6 +5,7 @@ mod dataset;
 mod demo;
 mod evaluate;
 mod import;
+mod interior;
 mod key;
 mod openapi;
 mod orient;
@@ -39,6 +40,7 @@ enum Command {
     Serve(serve::Serve),
     Import(import::Import),
     Orient(Box<orient::Orient>),
+    Interior(interior::Interior),
     Simulate(simulate::Simulate),
     Evaluate(evaluate::Evaluate),
     Train(train::Train),
@@ -54,6 +56,7 @@ impl Command {
             Self::Serve(command) => command.run().await,
             Self::Import(command) => command.run().await,
             Self::Orient(command) => command.run().await,
+            Self::Interior(command) => command.run().await,
             Self::Simulate(command) => command.run().await,
             Self::Evaluate(command) => command.run().await,
             Self::Train(command) => command.run().await,

@@ -1,6 +1,6 @@
 //! `gable orient`.
 
-mod summary;
+pub(super) mod summary;
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -177,7 +177,7 @@ pub(super) fn read_json<T: serde::de::DeserializeOwned>(file: &Path) -> anyhow::
 }
 
 /// The camera of a JSON file; the uploaded templates that it refers to come from the data folder.
-async fn camera_of_file(file: &Path, store: Option<&Store>) -> anyhow::Result<CameraModel> {
+pub(super) async fn camera_of_file(file: &Path, store: Option<&Store>) -> anyhow::Result<CameraModel> {
     let name = || file.display().to_string();
     let text = std::fs::read(file).with_context(|| format!("cannot read {}", name()))?;
     let request = match CameraRequest::parse(&text).with_context(name)? {

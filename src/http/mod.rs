@@ -12,6 +12,7 @@ pub mod extract;
 pub mod health;
 pub mod idempotency;
 pub mod images;
+pub mod interior_orientations;
 pub mod mark_templates;
 pub mod metrics;
 pub mod observe;
@@ -46,6 +47,7 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(mark_templates::routes())
         .merge(images::routes())
         .merge(control_points::routes())
+        .merge(interior_orientations::routes())
         .merge(orientations::routes())
         .merge(references::routes())
         .merge(classifiers::routes())

@@ -31,6 +31,7 @@ const DOCUMENT: &str = "/api/v1/openapi.json";
         (name = "cameras", description = "Interior orientations."),
         (name = "images", description = "Aerial images."),
         (name = "control points", description = "Buildings whose roof edges are known."),
+        (name = "interior orientations", description = "How films lie in their scans, from fiducial marks."),
         (name = "orientations", description = "Where images were taken, with a verdict on each answer."),
         (name = "diagnosis", description = "What the verdicts are learned from, and which classifier decides."),
         (name = "service", description = "Health, figures, this document."),

@@ -29,6 +29,8 @@ pub struct AppState {
     pub jobs: Jobs,
     /// Imports of control points at a time.
     pub imports: Arc<Semaphore>,
+    /// Scans looked at a time for their interior orientation.
+    pub scans: Arc<Semaphore>,
     key_was_made: Arc<AtomicBool>,
 }
 
@@ -50,12 +52,14 @@ impl AppState {
             limits: configuration.image_limits(),
             reach: Reach::default(),
         };
+        let scans = settings.workers;
         Self {
             jobs: Jobs::new(store.clone(), settings, orient),
             store,
             configuration: Arc::new(configuration),
             readiness: Readiness::default(),
             imports: Arc::new(Semaphore::new(IMPORTS)),
+            scans: Arc::new(Semaphore::new(scans)),
             key_was_made: Arc::default(),
         }
     }

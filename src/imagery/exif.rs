@@ -33,11 +33,12 @@ pub struct ExifHeading {
     pub north: North,
 }
 
-/// What a header knows of the orientation.
+/// What a header knows of the orientation and of the scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Clues {
     pub(super) position: Option<ExifPosition>,
     pub(super) heading: Option<ExifHeading>,
+    pub(super) pixel_size_um: Option<f64>,
 }
 
 /// The tags of the GPS directory that matter here.
@@ -71,7 +72,7 @@ pub(super) fn clues(exif: Option<Vec<u8>>, xmp: Option<&[u8]>) -> Clues {
 
 /// What a GPS directory tells.
 pub(super) fn clues_of(gps: &mut impl GpsDirectory) -> Clues {
-    Clues { position: position(gps), heading: heading(gps) }
+    Clues { position: position(gps), heading: heading(gps), pixel_size_um: None }
 }
 
 /// The heading of the drone where Exif has none.

@@ -10,6 +10,7 @@ mod attempt;
 pub mod camera_model;
 pub mod drift;
 pub mod film_camera;
+pub mod interior;
 mod queue;
 pub mod request;
 #[cfg(test)]

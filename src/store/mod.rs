@@ -9,6 +9,7 @@ pub mod cameras;
 pub mod classifiers;
 pub mod idempotency;
 pub mod images;
+pub mod interior_orientations;
 pub mod keys;
 pub mod mark_templates;
 pub mod orientations;

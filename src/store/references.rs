@@ -211,7 +211,7 @@ pub(in crate::store) mod tests {
     /// A fresh data folder with a camera.
     pub(in crate::store) struct Bench {
         pub(in crate::store) store: Store,
-        camera_id: Uuid,
+        pub(in crate::store) camera_id: Uuid,
         _folder: tempfile::TempDir,
     }
 

@@ -14,6 +14,7 @@ mod diagnosis;
 mod film_cameras;
 mod idempotency;
 mod images;
+mod interior_orientations;
 mod kill;
 #[path = "../shared/labelled.rs"]
 mod labelled;

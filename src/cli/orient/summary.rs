@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use gable::report::OrientationResult;
 use gable::report::result::{ControlPointReport, CovarianceResult};
 
-const RESET: &str = "\x1b[0m";
-const DIM: &str = "\x1b[2m";
+pub(in crate::cli) const RESET: &str = "\x1b[0m";
+pub(in crate::cli) const DIM: &str = "\x1b[2m";
 
 /// The verdict and why, then the orientation with its standard deviations, then the control points.
 pub(super) fn summary(result: &OrientationResult, colours: bool) -> String {
@@ -25,7 +25,8 @@ pub(super) fn summary(result: &OrientationResult, colours: bool) -> String {
     text.trim_end().to_owned()
 }
 
-fn colour(verdict: &str) -> &'static str {
+/// The colour of a verdict.
+pub(in crate::cli) fn colour(verdict: &str) -> &'static str {
     match verdict {
         "green" => "\x1b[1;32m",
         "yellow" => "\x1b[1;33m",

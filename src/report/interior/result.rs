@@ -48,7 +48,7 @@ pub struct PlateOrientationReport {
     /// `right`, or `wrong`: mirrored about the plate's y axis before it is turned.
     #[schema(example = "right")]
     pub reading: String,
-    /// `marks`, `asymmetric_feature`, `data_strip`, `calibration`, `stated`, or `nothing`.
+    /// `marks`, `asymmetric_feature`, `data_strip`, `calibration`, `image_content`, `stated` or `nothing`.
     #[schema(example = "asymmetric_feature")]
     pub decided_by: String,
     /// How sure that is, in standard deviations; left out where nothing had to be compared.

@@ -1,0 +1,211 @@
+//! The interior orientation of one scan: what the client asks for, and the work itself, with and without a service.
+
+#[cfg(test)]
+mod tests;
+
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::request::{Faults, FieldFault};
+use crate::features::{Picture, PictureError};
+use crate::imagery::{self, ImageFile, ImageryError, Limits};
+use crate::interior::{FilmCamera, InteriorOrientation, Kind, Wanted, interior_orientation};
+use crate::report::interior::{self, InteriorResult, MarkReport};
+
+/// What pixels of scanned film measure.
+const PIXEL_SIZE_UM: RangeInclusive<f64> = 2.0..=200.0;
+
+/// A scan whose interior orientation is wanted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct InteriorRequest {
+    /// The image's id.
+    pub image: String,
+    /// The film camera's id or name.
+    #[schema(example = "rc30-15-4")]
+    pub camera: String,
+    /// Side of a pixel on the film, 2 to 200. Default: what the TIFF's resolution says; without one, the film is taken to
+    /// fill the scan.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = 14.0, minimum = 2, maximum = 200)]
+    pub pixel_size_um: Option<f64>,
+    /// How the film may be deformed. Default: `affine`.
+    #[serde(default)]
+    pub transformation: TransformationKind,
+    /// Whether the scan is known to be right-reading or wrong-reading (mirrored). Default: found out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reading: Option<Reading>,
+    /// Known quarter turns of the film, counter-clockwise as one sees the scan, 0 to 3. Default: found out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!(null), maximum = 3)]
+    pub quarter_turns: Option<u8>,
+}
+
+/// How a film may be deformed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum TransformationKind {
+    /// Shift, turn and one scale: four parameters.
+    Similarity,
+    /// Also different scales and a shear, as films shrink: six.
+    #[default]
+    Affine,
+    /// Also a tilt: eight.
+    Projective,
+}
+
+/// Which side of a film was up when it was scanned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Reading {
+    /// Texts can be read, and the scene is as it was.
+    Right,
+    /// Mirrored.
+    Wrong,
+}
+
+/// A request with everything filled in.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PreparedInterior {
+    /// Side of a pixel on the film that was stated; left out where nothing states it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixel_size_um: Option<f64>,
+    /// Who stated it.
+    pub pixel_size_from: PixelSizeOrigin,
+    /// How the film may be deformed.
+    pub transformation: TransformationKind,
+    /// Which side is said to be up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reading: Option<Reading>,
+    /// How the film is said to be turned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quarter_turns: Option<u8>,
+}
+
+/// Where the size of a pixel comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum PixelSizeOrigin {
+    /// The request.
+    Request,
+    /// The resolution in the file.
+    File,
+    /// Nobody says it: the film is taken to fill the scan.
+    Unknown,
+}
+
+/// Why a scan has no interior orientation, not even a red one.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum InteriorError {
+    /// The file cannot be used.
+    #[error(transparent)]
+    Imagery(#[from] ImageryError),
+    /// The file is damaged.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// Fields of the request make no sense.
+    #[error("{}", .0.iter().map(|fault| format!("{}: {}", fault.pointer, fault.detail)).collect::<Vec<_>>().join("; "))]
+    Request(Vec<FieldFault>),
+}
+
+impl InteriorRequest {
+    /// Checks everything, and fills in what the scan's file states of its pixels.
+    ///
+    /// # Errors
+    /// All fields that make no sense.
+    pub fn prepare(&self, file_pixel_size_um: Option<f64>) -> Result<PreparedInterior, Vec<FieldFault>> {
+        let mut faults = Faults::default();
+        if let Some(um) = self.pixel_size_um.filter(|um| !PIXEL_SIZE_UM.contains(um)) {
+            let (least, most) = (PIXEL_SIZE_UM.start(), PIXEL_SIZE_UM.end());
+            faults.add("/pixel_size_um", format!("pixel_size_um is {um}; it must be from {least} to {most}"));
+        }
+        if let Some(turns) = self.quarter_turns.filter(|turns| *turns > 3) {
+            faults.add("/quarter_turns", format!("quarter_turns is {turns}; it must be from 0 to 3"));
+        }
+        if !faults.0.is_empty() {
+            return Err(faults.0);
+        }
+        let (pixel_size_um, pixel_size_from) = match (self.pixel_size_um, file_pixel_size_um) {
+            (Some(um), _) => (Some(um), PixelSizeOrigin::Request),
+            (None, Some(um)) => (Some(um), PixelSizeOrigin::File),
+            (None, None) => (None, PixelSizeOrigin::Unknown),
+        };
+        let (transformation, reading, quarter_turns) = (self.transformation, self.reading, self.quarter_turns);
+        Ok(PreparedInterior { pixel_size_um, pixel_size_from, transformation, reading, quarter_turns })
+    }
+}
+
+impl PreparedInterior {
+    /// The same as the method takes it.
+    #[must_use]
+    pub fn wanted(&self) -> Wanted {
+        Wanted {
+            pixel_mm: self.pixel_size_um.map(|um| um / 1e3),
+            kind: match self.transformation {
+                TransformationKind::Similarity => Kind::Similarity,
+                TransformationKind::Affine => Kind::Affine,
+                TransformationKind::Projective => Kind::Projective,
+            },
+            mirrored: self.reading.map(|reading| reading == Reading::Wrong),
+            quarter_turns: self.quarter_turns,
+        }
+    }
+}
+
+/// Finds the interior orientation of a scan. The resolution of a file may be what some program has made up: where no
+/// marks are found with it, it is not believed, and `prepared` says so afterwards.
+///
+/// # Errors
+/// [`PictureError`] if the scan cannot be read.
+pub fn found(
+    picture: &dyn Picture,
+    camera: &FilmCamera,
+    prepared: &mut PreparedInterior,
+) -> Result<InteriorOrientation, PictureError> {
+    let found = interior_orientation(picture, &camera.plate, &prepared.wanted())?;
+    if prepared.pixel_size_from != PixelSizeOrigin::File || found.transformation.is_some() {
+        return Ok(found);
+    }
+    let doubting =
+        PreparedInterior { pixel_size_um: None, pixel_size_from: PixelSizeOrigin::Unknown, ..prepared.clone() };
+    let again = interior_orientation(picture, &camera.plate, &doubting.wanted())?;
+    if again.transformation.is_none() {
+        return Ok(found);
+    }
+    *prepared = doubting;
+    Ok(again)
+}
+
+/// The interior orientation of a file, with the request as it was understood.
+///
+/// # Errors
+/// [`InteriorError`] if the file cannot be used, or fields of the request make no sense.
+pub fn oriented(
+    path: &Path,
+    limits: &Limits,
+    camera: &FilmCamera,
+    request: &InteriorRequest,
+) -> Result<(PreparedInterior, InteriorResult), InteriorError> {
+    let probe = imagery::probe(path, limits)?;
+    let mut prepared = request.prepare(probe.pixel_size_um).map_err(InteriorError::Request)?;
+    let picture = ImageFile::open(path, limits)?;
+    let found = found(&picture, camera, &mut prepared)?;
+    Ok((prepared, InteriorResult::of(&found, &camera.plate, picture.size_px())))
+}
+
+/// A mark in the scan's file, as [`interior::close_up`] draws it.
+///
+/// # Errors
+/// [`InteriorError`] if the file cannot be used.
+pub fn close_up(
+    path: &Path,
+    limits: &Limits,
+    result: &InteriorResult,
+    mark: &MarkReport,
+) -> Result<Option<Vec<u8>>, InteriorError> {
+    Ok(interior::close_up(&ImageFile::open(path, limits)?, result, mark)?)
+}
