@@ -161,7 +161,6 @@ async fn faults_of_film_cameras_are_pointed_at() {
             with(pointer, value)
         };
         let pointers = service.post("/api/v1/cameras", &given).await.problem(422);
-        // where serde itself says that an array is wrong, the pointer may be that of the array
         assert_eq!(pointers, [pointer], "{given}");
     }
     let nested = [
