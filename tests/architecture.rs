@@ -33,6 +33,7 @@ const ROOMS: &[Room] = &[
             "orientation",
             "learning",
             "diagnosis",
+            "interior",
             "pipeline",
             "classifiers",
             "simulation",
@@ -41,7 +42,7 @@ const ROOMS: &[Room] = &[
     Room("imagery", &["features"]),
     Room("control", &["geometry", "orientation", "pipeline"]),
     Room("store", &["geometry"]),
-    Room("report", &["geometry", "features", "diagnosis", "pipeline", "classifiers"]),
+    Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
         "jobs",
         &[
@@ -52,6 +53,7 @@ const ROOMS: &[Room] = &[
             "orientation",
             "learning",
             "diagnosis",
+            "interior",
             "pipeline",
             "classifiers",
             "imagery",
@@ -69,6 +71,7 @@ const ROOMS: &[Room] = &[
             "interior",
             "learning",
             "diagnosis",
+            "interior",
             "pipeline",
             "classifiers",
             "imagery",

@@ -8,6 +8,7 @@ mod import;
 mod key;
 mod openapi;
 mod orient;
+mod scan;
 mod serve;
 mod sets;
 mod simulate;

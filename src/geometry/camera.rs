@@ -236,6 +236,12 @@ impl Camera {
         self.frame_radius_px
     }
 
+    /// The angle between the axis and the ray of the farthest corner of the frame.
+    #[must_use]
+    pub fn half_view_rad(&self) -> f64 {
+        (self.frame_radius_px / self.principal_distance_px).atan()
+    }
+
     /// The rectangle of pixels, least and largest x and y, that holds a square of reduced points about a centre. The
     /// distortion is left out.
     #[must_use]
@@ -348,10 +354,10 @@ mod tests {
         Film::new(153.0, principal, symmetry, distortion, FORMAT_MM).unwrap()
     }
 
-    /// A plate in a scanner, with its centre at (2500, 2600).
+    /// A plate in a scanner, with its centre at (3000, 2600).
     fn laid(linear: Matrix2<f64>) -> Camera {
-        let pixel_from_plate = PixelFromPlate::affine(&linear, Vector2::new(2500.0, 2600.0)).unwrap();
-        Camera::of_scan([5000, 5200], &film(), &pixel_from_plate).unwrap()
+        let pixel_from_plate = PixelFromPlate::affine(&linear, Vector2::new(3000.0, 2600.0)).unwrap();
+        Camera::of_scan([6000, 5200], &film(), &pixel_from_plate).unwrap()
     }
 
     fn upright() -> Camera {

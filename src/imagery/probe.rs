@@ -55,6 +55,18 @@ pub struct Probe {
     pub position: Option<ExifPosition>,
     /// Where the camera, or the drone, says that the top of the picture points.
     pub heading: Option<ExifHeading>,
+    /// The side of a pixel that the file states, micrometres, where it is square and could be that of a film scan. (Digital
+    /// cameras state one as well, which means nothing.)
+    pub pixel_size_um: Option<f64>,
+}
+
+/// Sides of pixels that film is scanned with.
+const PIXEL_UM: std::ops::RangeInclusive<f64> = 2.0..=200.0;
+
+/// The side of a pixel from pixels per micrometre along x and y.
+pub(super) fn pixel_size_um([x, y]: [f64; 2]) -> Option<f64> {
+    let square = (x / y - 1.0).abs() < 1e-3;
+    Some(1.0 / x).filter(|side| square && PIXEL_UM.contains(side))
 }
 
 /// Reads the header of the picture at `path`. That does not prove that the picture is complete: only
@@ -67,24 +79,26 @@ pub fn probe(path: &Path, limits: &Limits) -> Result<Probe, ImageryError> {
     let mut file = open(path)?;
     let format = format(&mut file)?;
     let file_bytes = file.get_ref().metadata()?.len();
-    let (size_px, bits, clues) = match format {
+    let (size_px, bits, clues, pixel_size_um) = match format {
         Format::Jpeg => {
             let header = jpeg::read_header(&mut file)?;
             limits.check_whole(header.size_px(), file_bytes)?;
             let clues = exif::clues(header.exif, header.xmp.as_deref());
-            ([header.width.into(), header.height.into()], header.bits, clues)
+            ([header.width.into(), header.height.into()], header.bits, clues, None)
         }
         Format::Png => {
             let reader = png::read_header(file)?;
             let info = reader.info();
             limits.check_whole([info.width, info.height], file_bytes)?;
             let clues = exif::clues(info.exif_metadata.as_ref().map(|exif| exif.to_vec()), None);
-            ([info.width, info.height], info.bit_depth as u8, clues)
+            let per_metre = info.pixel_dims.filter(|dims| dims.unit == ::png::Unit::Meter);
+            let pixel = per_metre.and_then(|dims| pixel_size_um([dims.xppu, dims.yppu].map(|n| f64::from(n) * 1e-6)));
+            ([info.width, info.height], info.bit_depth as u8, clues, pixel)
         }
         Format::Tiff => tiff::read_header(file, limits)?,
     };
     let [width_px, height_px] = size_px;
-    Ok(Probe { format, width_px, height_px, bits, position: clues.position, heading: clues.heading })
+    Ok(Probe { format, width_px, height_px, bits, position: clues.position, heading: clues.heading, pixel_size_um })
 }
 
 /// Opens a file for reading from its beginning.

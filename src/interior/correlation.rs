@@ -288,10 +288,10 @@ mod tests {
     #[test]
     fn positions_scatter_as_their_covariance_says() {
         let (mahalanobis, bias) = scatter(false, false);
-        assert!((1.6..2.6).contains(&mahalanobis), "{mahalanobis}");
+        assert!((1.4..2.6).contains(&mahalanobis), "{mahalanobis}");
         assert!(bias < 0.02, "{bias}");
         let (mahalanobis, _) = scatter(false, true);
-        assert!((1.6..2.6).contains(&mahalanobis), "{mahalanobis}");
+        assert!((1.4..2.6).contains(&mahalanobis), "{mahalanobis}");
     }
 
     #[test]

@@ -117,12 +117,12 @@ impl ShiftPrior {
     /// What is added to the variance of a building whose present shift is larger than usual: it loses weight as Student's
     /// distribution has it; none gains.
     pub(super) fn excess(&self, shifts_px: &[Vector2<f64>]) -> Vec<f64> {
-        let of_one = |(own, shift_px): (&f64, &Vector2<f64>)| {
-            let usual = own + SIGMA_SHARED_PX.powi(2);
+        let of_one = |(k, (own, shift_px)): (usize, (&f64, &Vector2<f64>))| {
+            let usual = own + self.shared[(k, k)];
             let inflation = (FREEDOM + shift_px.norm_squared() / usual) / (FREEDOM + 2.0);
             own * (inflation - 1.0).max(0.0)
         };
-        self.own.iter().zip(shifts_px).map(of_one).collect()
+        self.own.iter().zip(shifts_px).enumerate().map(of_one).collect()
     }
 }
 

@@ -1,11 +1,13 @@
 //! The answer: from the local frame of the adjustment into the CRS that was asked for, as the contract writes it.
 
+pub mod interior;
 pub mod overlay;
 pub mod position;
 pub mod result;
 
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector2, Vector3};
 
+pub use interior::InteriorResult;
 pub use position::{Position, Vertical, Warning};
 pub use result::{ApproximationOrigin, ApproximationUsed, ClassifierUsed, OrientationResult, Origin};
 
@@ -60,6 +62,7 @@ pub fn result(
     let mut result = OrientationResult {
         projection_centre: None,
         rotation: None,
+        interior_orientation: None,
         covariance: None,
         sigma0: None,
         redundancy: None,

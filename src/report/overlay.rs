@@ -3,7 +3,7 @@
 //!
 //! Rows and columns are those of the file, an EXIF orientation tag is not obeyed: so are all pixel coordinates.
 
-mod canvas;
+pub(super) mod canvas;
 mod lettering;
 
 use image::{ImageEncoder as _, RgbImage};
@@ -133,7 +133,7 @@ fn draw(picture: &dyn Picture, drawing: &Drawing, widest_px: u32) -> Result<RgbI
     Ok(canvas.into_image())
 }
 
-fn encode(image: &RgbImage, format: Format) -> Result<Vec<u8>, PictureError> {
+pub(super) fn encode(image: &RgbImage, format: Format) -> Result<Vec<u8>, PictureError> {
     let mut bytes = Vec::new();
     let (width, height) = image.dimensions();
     let colour = image::ExtendedColorType::Rgb8;
@@ -143,7 +143,7 @@ fn encode(image: &RgbImage, format: Format) -> Result<Vec<u8>, PictureError> {
             image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 85).write_image(image, width, height, colour)
         }
     }
-    .map_err(|e| PictureError { detail: format!("the overlay cannot be written: {e}") })?;
+    .map_err(|e| PictureError { detail: format!("the drawing cannot be written: {e}") })?;
     Ok(bytes)
 }
 

@@ -170,6 +170,7 @@ fn yaw_of_drones(#[case] xmp: &str, #[case] heading_deg: Option<f64>) {
 #[case("lzw_tiles_16.tif", Format::Tiff, 16)]
 fn formats_and_sizes(#[case] name: &str, #[case] format: Format, #[case] bits: u8) {
     let found = probed(&std::fs::read(fixture(name)).unwrap());
-    let expected = Probe { format, width_px: WIDTH, height_px: HEIGHT, bits, position: None, heading: None };
+    let expected =
+        Probe { format, width_px: WIDTH, height_px: HEIGHT, bits, position: None, heading: None, pixel_size_um: None };
     assert_eq!(found, expected);
 }

@@ -9,6 +9,7 @@ use std::io::{BufReader, Read};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tiff::TiffError;
+use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, DecodingResult, Limits as TiffLimits};
 use tiff::tags::Tag;
 
@@ -18,7 +19,7 @@ use super::exif::{self, Clues};
 use super::grey::{self, Grey, PixelLayout, Sample, Samples, append_grey};
 use super::jpeg::{self, ColourModel};
 use super::reduce::BoxAverage;
-use super::{Format, ImageryError, Limits};
+use super::{Format, ImageryError, Limits, probe};
 use crate::features::{GreyWindow, PixelRect};
 
 type TiffDecoder = Decoder<BufReader<File>>;
@@ -36,12 +37,32 @@ pub(super) struct TiffWindows {
     cache: Mutex<ChunkCache>,
 }
 
-/// Size, bits of a sample and what is known of the orientation.
-pub(super) fn read_header(file: BufReader<File>, limits: &Limits) -> Result<([u32; 2], u8, Clues), ImageryError> {
+/// What the directory of a TIFF tells: size, bits of a sample, what is known of the orientation, and the side of a pixel
+/// in micrometres.
+pub(super) type Header = ([u32; 2], u8, Clues, Option<f64>);
+
+/// Reads the first directory.
+pub(super) fn read_header(file: BufReader<File>, limits: &Limits) -> Result<Header, ImageryError> {
     let (mut decoder, layout) = start(file, limits)?;
     let clues = gps::clues(&mut decoder);
     let xmp = decoder.find_tag(Tag::Unknown(700)).ok().flatten().and_then(|value| value.into_u8_vec().ok());
-    Ok((layout.size_px, layout.bits, exif::with_xmp(clues, xmp.as_deref())))
+    let pixel_size_um = pixel_size_um(&mut decoder);
+    Ok((layout.size_px, layout.bits, exif::with_xmp(clues, xmp.as_deref()), pixel_size_um))
+}
+
+/// The side of a pixel by the resolution tags.
+fn pixel_size_um(decoder: &mut TiffDecoder) -> Option<f64> {
+    let mut tag = |tag| decoder.find_tag(tag).ok().flatten();
+    let unit_um = match tag(Tag::ResolutionUnit).and_then(|unit| unit.into_u16().ok()) {
+        None | Some(2) => 25_400.0,
+        Some(3) => 10_000.0,
+        Some(_) => return None,
+    };
+    let mut per_um = |name| match tag(name)? {
+        Value::Rational(numerator, denominator) => Some(f64::from(numerator) / f64::from(denominator) / unit_um),
+        _ => None,
+    };
+    probe::pixel_size_um([per_um(Tag::XResolution)?, per_um(Tag::YResolution)?])
 }
 
 /// Reads the first directory and nothing else: other pages are previews or masks.

@@ -8,18 +8,18 @@ use crate::features::GreyWindow;
 
 /// Red, green, blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Colour(pub(super) [u8; 3]);
+pub(in crate::report) struct Colour(pub(in crate::report) [u8; 3]);
 
 const BLACK: Colour = Colour([0, 0, 0]);
 /// Pixels a dot of a letter has on each side.
 const LETTER_SCALE: i64 = 2;
 
-pub(super) struct Canvas {
+pub(in crate::report) struct Canvas {
     image: RgbImage,
 }
 
 impl Canvas {
-    pub(super) fn from_grey(window: &GreyWindow) -> Self {
+    pub(in crate::report) fn from_grey(window: &GreyWindow) -> Self {
         // the cast saturates, which is what is wanted of greys outside 0 to 255
         let image = RgbImage::from_fn(window.width as u32, window.height as u32, |x, y| {
             let grey = window.grey.get(y as usize * window.width + x as usize).copied().unwrap_or(0.0);
@@ -28,13 +28,13 @@ impl Canvas {
         Self { image }
     }
 
-    pub(super) fn into_image(self) -> RgbImage {
+    pub(in crate::report) fn into_image(self) -> RgbImage {
         self.image
     }
 
     /// A line between two positions ((0, 0) is the corner of the first pixel). Each step along the longer axis paints
     /// a short strip across, each of its pixels by how far it lies from the line.
-    pub(super) fn line(&mut self, start: Vector2<f64>, end: Vector2<f64>, width_px: f64, colour: Colour) {
+    pub(in crate::report) fn line(&mut self, start: Vector2<f64>, end: Vector2<f64>, width_px: f64, colour: Colour) {
         if !start.iter().chain(end.iter()).all(|v| v.is_finite()) {
             return;
         }
@@ -61,7 +61,7 @@ impl Canvas {
     }
 
     /// A line with a head at `tip`.
-    pub(super) fn arrow(&mut self, tail: Vector2<f64>, tip: Vector2<f64>, colour: Colour) {
+    pub(in crate::report) fn arrow(&mut self, tail: Vector2<f64>, tip: Vector2<f64>, colour: Colour) {
         self.line(tail, tip, 1.5, colour);
         let Some(back) = (tail - tip).try_normalize(1e-9) else {
             return;
@@ -74,7 +74,7 @@ impl Canvas {
 
     /// Letters with a dark rim, `place` being their top-left corner. What begins on the picture does not leave it at
     /// the right.
-    pub(super) fn letters(&mut self, place: Vector2<f64>, text: &str, colour: Colour) {
+    pub(in crate::report) fn letters(&mut self, place: Vector2<f64>, text: &str, colour: Colour) {
         if !place.iter().all(|v| v.is_finite()) {
             return;
         }

@@ -10,7 +10,7 @@ use crate::simulation::draws::Draws;
 
 /// A kind of film camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum FilmCamera {
+pub enum Make {
     /// Diagonal crosses in the four corners.
     WildRc5,
     /// Ring, cross and dot, in the corners and amid the sides.
@@ -29,7 +29,7 @@ pub enum FilmCamera {
     FairchildK17,
 }
 
-impl FilmCamera {
+impl Make {
     /// Every kind.
     pub const ALL: [Self; 8] = [
         Self::WildRc5,
@@ -150,7 +150,7 @@ pub(super) struct TruePlate {
 
 impl TruePlate {
     pub(super) fn draw(
-        camera: FilmCamera,
+        camera: Make,
         asymmetric: bool,
         data_strip: Option<Side>,
         settings: &PlateSettings,
@@ -184,7 +184,7 @@ fn deviation(sigma_mm: f64, draws: &mut Draws) -> Vector2<f64> {
 
 /// An arrow or a bar off the axes, in the image's rim or beside it (but not in the data strip).
 fn asymmetric_feature(
-    camera: FilmCamera,
+    camera: Make,
     data_strip: Option<Side>,
     settings: &PlateSettings,
     draws: &mut Draws,

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::camera::{FilmCamera, PlateSettings};
+use super::camera::{Make, PlateSettings};
 use crate::interior::Side;
 use crate::simulation::draws::{Draws, Purpose};
 
@@ -123,7 +123,7 @@ impl Corruption {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanSettings {
     /// The camera.
-    pub camera: FilmCamera,
+    pub camera: Make,
     /// Whether there is an asymmetric feature.
     pub asymmetric: bool,
     /// Where the camera writes its data.
@@ -147,7 +147,7 @@ pub struct ScanSettings {
 impl ScanSettings {
     /// A positive of good contrast with little dirt, with an asymmetric feature and no data strip.
     #[must_use]
-    pub fn good(camera: FilmCamera, laying: Laying) -> Self {
+    pub fn good(camera: Make, laying: Laying) -> Self {
         let scanner = ScannerSettings {
             pixel_um: [10.0, 30.0],
             pixel_error: 0.003,
@@ -185,7 +185,7 @@ impl ScanSettings {
 
     /// The same with low contrast, coarse grain and much dirt.
     #[must_use]
-    pub fn poor(camera: FilmCamera, laying: Laying) -> Self {
+    pub fn poor(camera: Make, laying: Laying) -> Self {
         let mut settings = Self::good(camera, laying);
         settings.scanner = ScannerSettings {
             black_grey: [10.0, 60.0],
@@ -208,7 +208,7 @@ impl ScanSettings {
 
     /// Without grain, dirt and uneven light, of linear response: for tests.
     #[must_use]
-    pub fn clean(camera: FilmCamera, laying: Laying) -> Self {
+    pub fn clean(camera: Make, laying: Laying) -> Self {
         let mut settings = Self::good(camera, laying);
         settings.scanner.grain_grey = [0.0; 2];
         settings.scanner.uneven_light = [0.0; 2];
@@ -222,7 +222,7 @@ impl ScanSettings {
     #[must_use]
     pub fn draw(seed: u64) -> Self {
         let mut draws = Draws::new(seed, Purpose::FilmMixture);
-        let camera = FilmCamera::ALL[draws.below(8) as usize % 8];
+        let camera = Make::ALL[draws.below(8) as usize % 8];
         let laying = Laying::all()[draws.below(8) as usize % 8];
         let mut settings = if draws.chance(0.7) { Self::good(camera, laying) } else { Self::poor(camera, laying) };
         settings.negative = draws.chance(0.5);

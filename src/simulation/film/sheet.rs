@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::camera::{FilmCamera, TruePlate};
+use super::camera::{Make, TruePlate};
 use super::dirt::{self, Dust};
 use super::figures::{Making, figures, placed, reach_mm};
 use super::settings::{Corruption, ScanSettings, outwards};
@@ -43,7 +43,7 @@ pub(super) struct SheetMark {
 const SIDES: [Side; 4] = [Side::Left, Side::Right, Side::Top, Side::Bottom];
 
 /// Half the opening along a side's direction.
-fn edge_mm(camera: FilmCamera, side: Side) -> f64 {
+fn edge_mm(camera: Make, side: Side) -> f64 {
     let [x, y] = camera.opening_mm().map(f64::from);
     if matches!(side, Side::Left | Side::Right) { x } else { y }
 }
@@ -180,7 +180,7 @@ impl Sheet {
         }
     }
 
-    fn cut_off(&mut self, camera: FilmCamera, beyond: f32, draws: &mut Draws) {
+    fn cut_off(&mut self, camera: Make, beyond: f32, draws: &mut Draws) {
         let chosen = draws.below(self.marks.len().max(1) as u32) as usize;
         let Some(place_mm) = self.marks.get(chosen).map(|mark| mark.place_mm) else {
             return;
@@ -204,11 +204,11 @@ fn beyond_line(out: Vector2<f64>, at_mm: f64, tone: f32) -> Blot {
 }
 
 /// The opening of the frame, with a Fairchild's notches beside its pinholes.
-fn openings(camera: FilmCamera, plate: &TruePlate, draws: &mut Draws) -> Vec<Blot> {
+fn openings(camera: Make, plate: &TruePlate, draws: &mut Draws) -> Vec<Blot> {
     let soft_mm = draws.between(0.02, 0.08);
     let opening = Shape::Rectangle { half: camera.opening_mm() };
     let mut openings = vec![Blot::new(opening, Vector2::zeros(), 0.0).softened(soft_mm)];
-    if camera == FilmCamera::FairchildT11 {
+    if camera == Make::FairchildT11 {
         for (fiducial, &place_mm) in plate.known.fiducials.iter().zip(&plate.marks_mm) {
             let notch = Blot::new(Shape::Rectangle { half: [0.85, 1.0] }, Vector2::new(1.65, 0.0), 0.0).softened(0.02);
             openings.extend(placed(vec![notch], place_mm, fiducial.rotation_rad));
@@ -218,7 +218,7 @@ fn openings(camera: FilmCamera, plate: &TruePlate, draws: &mut Draws) -> Vec<Blo
 }
 
 /// The dark piece that joins a mark to the frame.
-fn piece(place_mm: Vector2<f64>, reach_mm: f64, camera: FilmCamera, dark: f32) -> Blot {
+fn piece(place_mm: Vector2<f64>, reach_mm: f64, camera: Make, dark: f32) -> Blot {
     let opening_mm = camera.opening_mm();
     let span = |axis: usize| {
         let (place_mm, edge_mm) = (place_mm[axis], f64::from(opening_mm[axis]) + 1.0);

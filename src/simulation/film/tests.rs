@@ -44,7 +44,7 @@ fn centroid(scan: &SimulatedScan, place_px: Vector2<f64>, reach_mm: f64) -> Vect
 #[test]
 fn dots_are_where_the_truth_says_in_all_layings_and_both_polarities() {
     for (k, laying) in (0..).zip(Laying::all()) {
-        let mut settings = at_15_um(ScanSettings::clean(FilmCamera::WildRc20, laying));
+        let mut settings = at_15_um(ScanSettings::clean(Make::WildRc20, laying));
         settings.negative = k % 2 == 1;
         let scan = SimulatedScan::draw(k, &settings);
         let linear = scan.truth().pixel_from_plate;
@@ -67,7 +67,7 @@ fn dots_are_where_the_truth_says_in_all_layings_and_both_polarities() {
 #[test]
 fn marks_that_turn_with_their_side_point_inwards() {
     for (k, laying) in (20..).zip(Laying::all()) {
-        let scan = SimulatedScan::draw(k, &at_15_um(ScanSettings::clean(FilmCamera::FairchildK17, laying)));
+        let scan = SimulatedScan::draw(k, &at_15_um(ScanSettings::clean(Make::FairchildK17, laying)));
         for fiducial in &scan.plate().fiducials {
             let inwards = -fiducial.position_mm.normalize();
             let at = |off_mm: f64| scan.truth().pixel(fiducial.position_mm + inwards * off_mm);
@@ -79,7 +79,7 @@ fn marks_that_turn_with_their_side_point_inwards() {
 
 #[test]
 fn windows_agree_with_each_other() {
-    let scan = SimulatedScan::draw(3, &at_15_um(ScanSettings::poor(FilmCamera::WildRc10, Laying::default())));
+    let scan = SimulatedScan::draw(3, &at_15_um(ScanSettings::poor(Make::WildRc10, Laying::default())));
     let mark_px = scan.truth().marks[1].position_px;
     let whole = around(&scan, mark_px, 160, 1);
     let [x, y] = whole.origin_px;
@@ -124,7 +124,7 @@ fn a_seed_gives_the_same_bytes() {
 
 #[test]
 fn a_negative_is_the_positive_inverted() {
-    let mut settings = at_15_um(ScanSettings::clean(FilmCamera::ZeissRmk, Laying::default()));
+    let mut settings = at_15_um(ScanSettings::clean(Make::ZeissRmk, Laying::default()));
     // else the contrast is limited by black in the one and by white in the other
     settings.scanner.mark_contrast_grey = [100.0, 100.0];
     let positive = SimulatedScan::draw(8, &settings);
@@ -149,7 +149,7 @@ fn spread_beside(scan: &SimulatedScan, side: Side) -> f32 {
 #[test]
 fn data_are_written_beside_the_side_that_is_given() {
     for (k, laying) in (40..).zip(Laying::all()) {
-        let mut settings = at_15_um(ScanSettings::clean(FilmCamera::ZeissRmkTop, laying));
+        let mut settings = at_15_um(ScanSettings::clean(Make::ZeissRmkTop, laying));
         settings.data_strip = Some(Side::Top);
         let scan = SimulatedScan::draw(k, &settings);
         let (top, bottom) = (spread_beside(&scan, Side::Top), spread_beside(&scan, Side::Bottom));
@@ -159,7 +159,7 @@ fn data_are_written_beside_the_side_that_is_given() {
 
 #[test]
 fn dirt_and_grain_are_there_when_asked_for() {
-    let clean = at_15_um(ScanSettings::clean(FilmCamera::WildRc20, Laying::default()));
+    let clean = at_15_um(ScanSettings::clean(Make::WildRc20, Laying::default()));
     let poor = ScanSettings { dirt: ScanSettings::poor(clean.camera, clean.laying).dirt, ..clean.clone() };
     let border = |settings: &ScanSettings| {
         let scan = SimulatedScan::draw(9, settings);
@@ -185,7 +185,7 @@ fn dirt_and_grain_are_there_when_asked_for() {
 
 #[test]
 fn a_mark_is_tampered_with_and_no_other() {
-    let settings = at_15_um(ScanSettings::clean(FilmCamera::LeicaRc30, Laying { turns: 1, mirrored: true }));
+    let settings = at_15_um(ScanSettings::clean(Make::LeicaRc30, Laying { turns: 1, mirrored: true }));
     let whole = SimulatedScan::draw(10, &settings);
     let tampered = |corruption: Corruption| {
         let scan = SimulatedScan::draw(10, &ScanSettings { corrupt: Some((5, corruption)), ..settings.clone() });
@@ -216,7 +216,7 @@ fn content_of_ones_own_is_seen_through_the_frame() {
             (0..width * height).map(|k| if (k % width + rect.x as usize).is_multiple_of(2) { 200.0 } else { 100.0 });
         GreyWindow { origin_px: [rect.x, rect.y], reduction, width, height, grey: grey.collect() }
     };
-    let settings = at_15_um(ScanSettings::clean(FilmCamera::WildRc5, Laying::default()));
+    let settings = at_15_um(ScanSettings::clean(Make::WildRc5, Laying::default()));
     let scan = SimulatedScan::draw(11, &settings).with_content(Content::Rendered(Box::new(rendered)));
     let inside = around(&scan, scan.truth().pixel(Vector2::zeros()), 20, 1).grey;
     let (first, second) = (inside[0], inside[1]);
@@ -232,7 +232,7 @@ fn the_mixture_has_everything() {
     for laying in Laying::all() {
         assert!((share(&|one| one.laying == laying) - 0.125).abs() < 0.03);
     }
-    for camera in FilmCamera::ALL {
+    for camera in Make::ALL {
         assert!((share(&|one| one.camera == camera) - 0.125).abs() < 0.03);
     }
     assert!((share(&|one| one.negative) - 0.5).abs() < 0.05);

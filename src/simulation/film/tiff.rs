@@ -212,14 +212,14 @@ fn write_directory<W: Write + Seek>(directory: &[(u16, Values)], target: &mut W)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulation::film::{FilmCamera, Laying, ScanSettings};
+    use crate::simulation::film::{Laying, Make, ScanSettings};
     use std::io::Cursor;
     use tiff::decoder::{Decoder, DecodingResult};
     use tiff::tags::Tag;
 
     #[test]
     fn all_ways_of_storing_a_scan_hold_its_pixels_and_its_resolution() {
-        let mut settings = ScanSettings::good(FilmCamera::WildRc20, Laying::default());
+        let mut settings = ScanSettings::good(Make::WildRc20, Laying::default());
         settings.scanner.pixel_um = [400.0, 400.0];
         let scan = SimulatedScan::draw(4, &settings);
         let [width, height] = scan.size_px();
