@@ -146,6 +146,7 @@ pub enum ToleranceGiven {
 
 /// A camera that is ready for use.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a camera is small enough to be copied, and there are few at a time")]
 pub enum CameraModel {
     /// Its images are all alike.
     Digital(Camera),
