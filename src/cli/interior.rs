@@ -11,13 +11,14 @@ use clap::Args;
 use gable::imagery::Limits;
 use gable::interior::FilmCamera;
 use gable::jobs::camera_model::camera_model;
-use gable::jobs::interior::{self, InteriorError, InteriorRequest, PreparedInterior, Reading, TransformationKind};
-use gable::jobs::request::CameraModel;
+use gable::jobs::interior::{self, InteriorError, InteriorRequest, PreparedInterior};
+use gable::jobs::request::{CameraModel, ScanRequest};
 use gable::report::InteriorResult;
 use gable::report::interior::residual_plot;
 use gable::store::Store;
 
 use super::orient::camera_of_file;
+use super::scan::ScanFlags;
 use super::{Settings, print};
 
 const EXAMPLES: &str = "\
@@ -43,18 +44,6 @@ pub(crate) struct Interior {
     /// The film camera: a JSON file as for `POST /cameras`; with --data also its id or name there.
     #[arg(long, value_name = "FILE|NAME")]
     camera: String,
-    /// Side of a pixel on the film. [default: by the TIFF's resolution; without one, the film is taken to fill the scan]
-    #[arg(long, value_name = "N")]
-    pixel_size_um: Option<f64>,
-    /// How the film may be deformed.
-    #[arg(long, value_name = "KIND", default_value = "affine", value_parser = ["similarity", "affine", "projective"])]
-    transformation: String,
-    /// Whether the scan is right-reading or wrong-reading (mirrored). [default: found out]
-    #[arg(long, value_name = "SIDE", value_parser = ["right", "wrong"])]
-    reading: Option<String>,
-    /// Quarter turns of the film, counter-clockwise as one sees the scan. [default: found out]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
-    quarter_turns: Option<u8>,
     /// Draw the residuals of the marks to this SVG file.
     #[arg(long, value_name = "FILE")]
     residuals: Option<PathBuf>,
@@ -66,6 +55,8 @@ pub(crate) struct Interior {
     json: bool,
     #[command(flatten)]
     settings: Settings,
+    #[command(flatten)]
+    known: ScanFlags,
 }
 
 impl Interior {
@@ -99,17 +90,15 @@ impl Interior {
     }
 
     fn request(&self) -> InteriorRequest {
+        let ScanRequest { pixel_size_um, transformation, reading, quarter_turns } =
+            self.known.request().unwrap_or_default();
         InteriorRequest {
             image: self.scan.display().to_string(),
             camera: self.camera.clone(),
-            pixel_size_um: self.pixel_size_um,
-            transformation: match self.transformation.as_str() {
-                "similarity" => TransformationKind::Similarity,
-                "projective" => TransformationKind::Projective,
-                _ => TransformationKind::Affine,
-            },
-            reading: self.reading.as_deref().map(|side| if side == "wrong" { Reading::Wrong } else { Reading::Right }),
-            quarter_turns: self.quarter_turns,
+            pixel_size_um,
+            transformation,
+            reading,
+            quarter_turns,
         }
     }
 

@@ -52,7 +52,11 @@ async fn live() -> Json<Health> {
 async fn ready(State(state): State<AppState>) -> impl IntoResponse {
     let mut not_ready = state.readiness.blocked();
     match tokio::time::timeout(DATABASE_TIMEOUT, state.store.ping()).await {
-        Ok(Ok(())) => {}
+        Ok(Ok(())) => {
+            if let Some(reason) = classifier_fault(&state).await {
+                not_ready.insert("classifier", reason);
+            }
+        }
         Ok(Err(error)) => {
             tracing::error!(%error, "the database does not answer");
             not_ready.insert("database", String::from("does not answer"));
@@ -60,10 +64,6 @@ async fn ready(State(state): State<AppState>) -> impl IntoResponse {
         Err(_) => {
             not_ready.insert("database", format!("has not answered within {} s", DATABASE_TIMEOUT.as_secs()));
         }
-    }
-    if let Err(error) = state.jobs.active_classifier().await {
-        tracing::error!(%error, "the active classifier cannot be used");
-        not_ready.insert("classifier", String::from("the active one cannot be used; activate another one"));
     }
     match state.store.free_bytes() {
         Ok(free) if free >= state.configuration.disk_reserve_bytes => {}
@@ -79,5 +79,17 @@ async fn ready(State(state): State<AppState>) -> impl IntoResponse {
         (StatusCode::OK, Json(Health { status: "ready", not_ready }))
     } else {
         (StatusCode::SERVICE_UNAVAILABLE, Json(Health { status: "not ready", not_ready }))
+    }
+}
+
+/// Why the active classifier cannot decide, asked of a database that has just answered.
+async fn classifier_fault(state: &AppState) -> Option<String> {
+    match tokio::time::timeout(DATABASE_TIMEOUT, state.jobs.active_classifier()).await {
+        Ok(Ok(_)) => None,
+        Ok(Err(error)) => {
+            tracing::error!(%error, "the active classifier cannot be used");
+            Some(String::from("the active one cannot be used; activate another one"))
+        }
+        Err(_) => Some(format!("could not be read within {} s", DATABASE_TIMEOUT.as_secs())),
     }
 }

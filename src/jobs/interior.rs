@@ -3,20 +3,16 @@
 #[cfg(test)]
 mod tests;
 
-use std::ops::RangeInclusive;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::request::{Faults, FieldFault};
+use super::request::{Faults, FieldFault, Reading, ScanRequest, TransformationKind};
 use crate::features::{Picture, PictureError};
 use crate::imagery::{self, ImageFile, ImageryError, Limits};
-use crate::interior::{FilmCamera, InteriorOrientation, Kind, Wanted, interior_orientation};
+use crate::interior::{FilmCamera, InteriorOrientation, Wanted, interior_orientation};
 use crate::report::interior::{self, InteriorResult, MarkReport};
-
-/// What pixels of scanned film measure.
-const PIXEL_SIZE_UM: RangeInclusive<f64> = 2.0..=200.0;
 
 /// A scan whose interior orientation is wanted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -42,29 +38,6 @@ pub struct InteriorRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = json!(null), maximum = 3)]
     pub quarter_turns: Option<u8>,
-}
-
-/// How a film may be deformed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum TransformationKind {
-    /// Shift, turn and one scale: four parameters.
-    Similarity,
-    /// Also different scales and a shear, as films shrink: six.
-    #[default]
-    Affine,
-    /// Also a tilt: eight.
-    Projective,
-}
-
-/// Which side of a film was up when it was scanned.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Reading {
-    /// Texts can be read, and the scene is as it was.
-    Right,
-    /// Mirrored.
-    Wrong,
 }
 
 /// A request with everything filled in.
@@ -113,19 +86,23 @@ pub enum InteriorError {
 }
 
 impl InteriorRequest {
+    fn scan(&self) -> ScanRequest {
+        let Self { pixel_size_um, transformation, reading, quarter_turns, .. } = self;
+        ScanRequest {
+            pixel_size_um: *pixel_size_um,
+            transformation: *transformation,
+            reading: *reading,
+            quarter_turns: *quarter_turns,
+        }
+    }
+
     /// Checks everything, and fills in what the scan's file states of its pixels.
     ///
     /// # Errors
     /// All fields that make no sense.
     pub fn prepare(&self, file_pixel_size_um: Option<f64>) -> Result<PreparedInterior, Vec<FieldFault>> {
         let mut faults = Faults::default();
-        if let Some(um) = self.pixel_size_um.filter(|um| !PIXEL_SIZE_UM.contains(um)) {
-            let (least, most) = (PIXEL_SIZE_UM.start(), PIXEL_SIZE_UM.end());
-            faults.add("/pixel_size_um", format!("pixel_size_um is {um}; it must be from {least} to {most}"));
-        }
-        if let Some(turns) = self.quarter_turns.filter(|turns| *turns > 3) {
-            faults.add("/quarter_turns", format!("quarter_turns is {turns}; it must be from 0 to 3"));
-        }
+        self.scan().check("", &mut faults);
         if !faults.0.is_empty() {
             return Err(faults.0);
         }
@@ -143,16 +120,8 @@ impl PreparedInterior {
     /// The same as the method takes it.
     #[must_use]
     pub fn wanted(&self) -> Wanted {
-        Wanted {
-            pixel_mm: self.pixel_size_um.map(|um| um / 1e3),
-            kind: match self.transformation {
-                TransformationKind::Similarity => Kind::Similarity,
-                TransformationKind::Affine => Kind::Affine,
-                TransformationKind::Projective => Kind::Projective,
-            },
-            mirrored: self.reading.map(|reading| reading == Reading::Wrong),
-            quarter_turns: self.quarter_turns,
-        }
+        let Self { pixel_size_um, transformation, reading, quarter_turns, .. } = *self;
+        ScanRequest { pixel_size_um, transformation, reading, quarter_turns }.wanted(None)
     }
 }
 

@@ -11,6 +11,7 @@ mod control_points;
 mod crash;
 mod database;
 mod diagnosis;
+mod film;
 mod film_cameras;
 mod idempotency;
 mod images;

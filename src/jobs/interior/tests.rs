@@ -1,4 +1,5 @@
 use super::*;
+use crate::interior::Kind;
 
 fn request(json: &str) -> Result<InteriorRequest, serde_json::Error> {
     serde_json::from_str(json)

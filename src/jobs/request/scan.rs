@@ -7,7 +7,7 @@ use super::{Faults, within};
 use crate::interior::{Kind, Wanted};
 
 /// Pixels of film scans, micrometres.
-const PIXEL_UM: [f64; 2] = [1.0, 500.0];
+const PIXEL_UM: [f64; 2] = [2.0, 200.0];
 
 /// How a scan is to be brought to its camera's plate. All of it may be left out.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
@@ -55,7 +55,7 @@ pub enum Reading {
 
 impl ScanRequest {
     /// Notes what makes no sense; `pointer` is that of the object.
-    pub(super) fn check(&self, pointer: &str, faults: &mut Faults) {
+    pub(in crate::jobs) fn check(&self, pointer: &str, faults: &mut Faults) {
         if let Some(pixel_um) = self.pixel_size_um {
             faults.check(&format!("{pointer}/pixel_size_um"), within(pixel_um, PIXEL_UM[0], PIXEL_UM[1], "µm"));
         }
