@@ -48,6 +48,9 @@ Examples:
       Brings 10000 scans of film to their plates and counts what came out. Leaves scans.csv and table.md in the folder.
       With --corrupt one of four marks of each scan is covered, scratched, missing or moved.
 
+  gable simulate --mixture film --seed 4 --write
+      Writes the study's scan 4 as a tiled TIFF of some hundred megapixels with its camera, for `gable interior`.
+
   gable simulate --mixture poor --seed 17 --write
       Writes the scene of the study's image 17, to look at.
 
@@ -86,6 +89,9 @@ pub(crate) struct Simulate {
     /// With the mixture `film`: spoil one of the marks of each scan, of cameras with four.
     #[arg(long, requires = "mixture", conflicts_with_all = ["likeness", "write"])]
     corrupt: bool,
+    /// With the mixture `film` and --write: compress the scans by Deflate.
+    #[arg(long, requires = "write")]
+    deflate: bool,
     /// Instead write the scenes of the mixture.
     #[arg(long, requires = "mixture", conflicts_with = "likeness")]
     write: bool,
@@ -127,8 +133,11 @@ impl Simulate {
     fn obey(&self) -> anyhow::Result<()> {
         let seeds = self.seed..self.seed + self.images;
         if matches!(self.mixture, Some(MixtureName::Film)) {
-            if self.write || self.likeness.is_some() {
-                bail!("the mixture `film` can only be studied; `gable simulate --film` writes scenes");
+            if self.likeness.is_some() {
+                bail!("the mixture `film` has no likeness to photographs of digital cameras");
+            }
+            if self.write {
+                return seeds.into_iter().try_for_each(|seed| film::write(seed, self.deflate, &self.folder(seed)));
             }
             let folder = self.out.clone().unwrap_or_else(|| "study-film".into());
             return film::study(seeds, self.corrupt, &folder);

@@ -21,6 +21,9 @@ pub(super) struct Similarity {
     shift_px: Vector2<f64>,
 }
 
+/// A mark in the plate (millimetres) and in the scan (pixels).
+type Pair = (Vector2<f64>, Vector2<f64>);
+
 /// What is known of the similarity beforehand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bounds {
@@ -62,11 +65,10 @@ impl Similarity {
     }
 
     /// Through two or more marks, by least squares.
-    fn through(axes: Matrix2<f64>, pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Self> {
+    fn through(axes: Matrix2<f64>, pairs: &[Pair]) -> Option<Self> {
         let count = pairs.len() as f64;
-        let mean =
-            |of: fn(&(Vector2<f64>, Vector2<f64>)) -> Vector2<f64>| pairs.iter().map(of).sum::<Vector2<f64>>() / count;
-        let (plate, image) = (mean(|p| p.0), mean(|p| p.1));
+        let plate = pairs.iter().map(|(plate, _)| plate).sum::<Vector2<f64>>() / count;
+        let image = pairs.iter().map(|(_, image)| image).sum::<Vector2<f64>>() / count;
         let complex = |v: Vector2<f64>| Complex::new(v.x, v.y);
         let (mut product, mut squares) = (Complex::new(0.0, 0.0), 0.0);
         for (p, q) in pairs {
@@ -155,7 +157,7 @@ impl Agreement {
         self.score - PRICE_OF_RESIDUALS * share
     }
 
-    fn pairs(&self, plate_mm: &[Vector2<f64>], candidates: &[Vec<Candidate>]) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+    fn pairs(&self, plate_mm: &[Vector2<f64>], candidates: &[Vec<Candidate>]) -> Vec<Pair> {
         let chosen = self.chosen.iter().enumerate();
         chosen.filter_map(|(mark, index)| Some((plate_mm[mark], candidates[mark][(*index)?].at_px))).collect()
     }

@@ -93,7 +93,7 @@ impl Transformation {
             normal = DMatrix::zeros(count, count);
             let mut right = DVector::zeros(count);
             for observation in observations {
-                let place = unit.from_plate(observation.plate_mm);
+                let place = unit.place(observation.plate_mm);
                 let design = design(kind, place, &parameters);
                 let weight = observation.covariance_px2.try_inverse()?;
                 let misclosure = observation.image_px - image(kind, place, &parameters);
@@ -119,7 +119,7 @@ impl Transformation {
     /// The pixel of a point of the plate.
     #[must_use]
     pub fn pixel_from_plate(&self, plate_mm: Vector2<f64>) -> Vector2<f64> {
-        image(self.kind, self.unit.from_plate(plate_mm), &self.parameters)
+        image(self.kind, self.unit.place(plate_mm), &self.parameters)
     }
 
     /// Where a mark was found, less where the transformation has it.
@@ -138,7 +138,7 @@ impl Transformation {
 
     /// Derivatives of a point's pixel by the parameters.
     pub(super) fn design_at(&self, plate_mm: Vector2<f64>) -> DMatrix<f64> {
-        design(self.kind, self.unit.from_plate(plate_mm), &self.parameters)
+        design(self.kind, self.unit.place(plate_mm), &self.parameters)
     }
 
     /// Covariance of the parameters.
@@ -178,7 +178,7 @@ impl Transformation {
         let corners = [Vector2::zeros(), Vector2::new(1.0, 0.0), Vector2::new(0.0, 1.0)];
         let mut design = DMatrix::zeros(6, self.kind.parameters());
         for (k, corner) in corners.iter().enumerate() {
-            let rows = self::design(self.kind, self.unit.from_plate(*corner), &self.parameters);
+            let rows = self::design(self.kind, self.unit.place(*corner), &self.parameters);
             design.rows_mut(2 * k, 2).copy_from(&rows);
         }
         #[rustfmt::skip]
@@ -224,7 +224,7 @@ impl Transformation {
             let mut rows = DMatrix::zeros(8, count);
             for (k, (x, y)) in places.iter().enumerate() {
                 let plate_mm = other.unit.centre_mm + Vector2::new(*x, *y) * other.unit.radius_mm;
-                rows.rows_mut(2 * k, 2).copy_from(&design(of.kind, of.unit.from_plate(plate_mm), &of.parameters));
+                rows.rows_mut(2 * k, 2).copy_from(&design(of.kind, of.unit.place(plate_mm), &of.parameters));
             }
             rows
         };
@@ -253,7 +253,7 @@ impl Unit {
         (radius_mm > 0.0).then_some(Self { centre_mm, radius_mm, sign: if mirrored { 1.0 } else { -1.0 } })
     }
 
-    fn from_plate(&self, plate_mm: Vector2<f64>) -> (Vector2<f64>, f64) {
+    fn place(&self, plate_mm: Vector2<f64>) -> (Vector2<f64>, f64) {
         ((plate_mm - self.centre_mm) / self.radius_mm, self.sign)
     }
 }
@@ -324,6 +324,8 @@ mod tests {
         places.iter().map(observe).collect()
     }
 
+    type Mapping<'a> = &'a dyn Fn(Vector2<f64>) -> Vector2<f64>;
+
     #[test]
     fn every_kind_returns_itself() {
         let mut draws = Draws::new(1);
@@ -332,7 +334,7 @@ mod tests {
         };
         let tilted = |p: Vector2<f64>| truth(p) / (1.0 + 1e-5 * p.x - 2e-5 * p.y);
         let mut exact = observed(&mut draws, &plate(), 1.0);
-        let cases: [(Kind, &dyn Fn(Vector2<f64>) -> Vector2<f64>); 3] =
+        let cases: [(Kind, Mapping); 3] =
             [(Kind::Similarity, &turned), (Kind::Affine, &truth), (Kind::Projective, &tilted)];
         for (kind, truth) in cases {
             exact.iter_mut().for_each(|o| o.image_px = truth(o.plate_mm));

@@ -135,6 +135,9 @@ fn mark_errors(found: &InteriorOrientation, truth: &ScanTruth) -> Vec<MarkError>
     pairs.filter_map(error).collect()
 }
 
+/// What is asked of a scan.
+type Is = fn(&ScanRow) -> bool;
+
 /// The table of many scans, in Markdown.
 #[must_use]
 pub fn table(rows: &[ScanRow]) -> String {
@@ -143,7 +146,7 @@ pub fn table(rows: &[ScanRow]) -> String {
          |---|---|---|---|---|---|---|---|\n",
     );
     for (contrast, good) in [("good", true), ("poor", false)] {
-        let kinds: [(&str, fn(&ScanRow) -> bool); 3] = [
+        let kinds: [(&str, Is); 3] = [
             ("asymmetric feature", |row| row.feature),
             ("data strip", |row| !row.feature && row.strip),
             ("neither", |row| !row.feature && !row.strip),

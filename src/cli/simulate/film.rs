@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use anyhow::Context as _;
-use gable::simulation::film::SimulatedScan;
+use gable::features::Picture as _;
+use gable::simulation::film::{SimulatedScan, TiffSettings, write_scan};
 use gable::study::film::{ScanRow, settings, table};
 
 use super::super::print;
@@ -38,6 +39,18 @@ pub(super) fn study(seeds: std::ops::Range<u64>, corrupt: bool, folder: &Path) -
     replace(&folder.join("scans.csv"), lines(&rows).as_bytes())?;
     replace(&folder.join("table.md"), table.as_bytes())?;
     print(&table)
+}
+
+/// Writes the scan of a seed with its camera into a folder of its own.
+pub(super) fn write(seed: u64, deflate: bool, folder: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let scan = SimulatedScan::draw(seed, &settings(seed, false));
+    write_scan(seed, &scan, &TiffSettings { deflate, ..TiffSettings::default() }, folder)?;
+    let [width, height] = scan.size_px();
+    let place = folder.display();
+    print(&format!(
+        "{place}: {width} x {height} px; try\n  gable interior {place}/scan.tif --camera {place}/camera.json"
+    ))
 }
 
 fn lines(rows: &[ScanRow]) -> String {

@@ -48,7 +48,7 @@ mod tests;
 
 pub use camera::{Make, PlateSettings};
 pub use scan::{Content, Rendering, SimulatedScan};
-pub use scene::{FilmScene, SCAN_FILE};
+pub use scene::{FilmScene, SCAN_FILE, write_scan};
 pub use settings::{Corruption, DirtSettings, Laying, ScanSettings, ScannerSettings, StrainSettings};
 pub use tiff::{Pieces, TiffSettings, write_tiff};
 pub use truth::{MarkState, ScanTruth, TrueMark};

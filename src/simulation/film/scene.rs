@@ -77,68 +77,14 @@ impl FilmScene {
     /// The body of `POST /cameras`.
     #[must_use]
     pub fn camera_body(&self) -> Value {
-        let FilmCamera { film, plate } = &self.camera;
-        let fiducials: Vec<Value> = plate
-            .fiducials
-            .iter()
-            .map(|fiducial| {
-                json!({
-                    "name": fiducial.name,
-                    "position_mm": [fiducial.position_mm.x, fiducial.position_mm.y],
-                    "sigma_mm": fiducial.sigma_mm,
-                    "template": template(&fiducial.mark),
-                    "rotation_deg": fiducial.rotation_rad.to_degrees(),
-                })
-            })
-            .collect();
-        let [k0, k1, k2, k3, k4] = film.distortion.k;
-        let [p1, p2, p3, p4] = film.distortion.p;
-        let mut body = json!({
-            "name": format!("simulated-film-{}", self.scene.seed),
-            "principal_distance_mm": film.principal_distance_mm,
-            "principal_point_mm": [film.principal_point_mm.x, film.principal_point_mm.y],
-            "symmetry_point_mm": [film.symmetry_point_mm.x, film.symmetry_point_mm.y],
-            "format_mm": film.format_mm,
-            "distortion": {
-                "model": "smac", "k0": k0, "k1": k1, "k2": k2, "k3": k3, "k4": k4, "p1": p1, "p2": p2, "p3": p3, "p4": p4
-            },
-            "fiducials": fiducials,
-        });
-        if let Some(feature) = &plate.asymmetric {
-            body["asymmetric_feature"] = json!({
-                "position_mm": [feature.position_mm.x, feature.position_mm.y],
-                "sigma_mm": feature.sigma_mm,
-                "template": template(&feature.mark),
-                "rotation_deg": feature.rotation_rad.to_degrees(),
-            });
-        }
-        if let Some(side) = plate.data_strip {
-            body["data_strip"] = json!(match side {
-                Side::Left => "left",
-                Side::Right => "right",
-                Side::Top => "top",
-                Side::Bottom => "bottom",
-            });
-        }
-        body
+        camera_body(&format!("simulated-film-{}", self.scene.seed), &self.camera)
     }
 
     /// The true orientations.
     #[must_use]
     pub fn truth(&self) -> Value {
         let mut truth = self.scene.truth();
-        let scan = SimulatedScan::draw(self.scene.seed, &self.scan);
-        let laid = scan.truth();
-        let marks =
-            laid.marks.iter().map(|mark| json!({ "name": mark.name, "px": [mark.position_px.x, mark.position_px.y] }));
-        let rows = [0, 1].map(|row| [0, 1, 2].map(|column| laid.pixel_from_plate[(row, column)]));
-        truth["scan"] = json!({
-            "pixel_from_plate": rows,
-            "quarter_turns": laid.turns,
-            "reading": if laid.mirrored { "wrong" } else { "right" },
-            "polarity": if laid.negative { "negative" } else { "positive" },
-            "marks": marks.collect::<Vec<_>>(),
-        });
+        truth["scan"] = scan_body(&SimulatedScan::draw(self.scene.seed, &self.scan));
         truth
     }
 
@@ -154,6 +100,87 @@ impl FilmScene {
         let mut file = BufWriter::new(File::create(&path).map_err(failed)?);
         write_tiff(&self.picture(), &TiffSettings::default(), &mut file).map_err(failed)
     }
+}
+
+/// The body of `POST /cameras` for a film camera whose marks are all of the library.
+fn camera_body(name: &str, camera: &FilmCamera) -> Value {
+    let FilmCamera { film, plate } = camera;
+    let fiducials: Vec<Value> = plate
+        .fiducials
+        .iter()
+        .map(|fiducial| {
+            json!({
+                "name": fiducial.name,
+                "position_mm": [fiducial.position_mm.x, fiducial.position_mm.y],
+                "sigma_mm": fiducial.sigma_mm,
+                "template": template(&fiducial.mark),
+                "rotation_deg": fiducial.rotation_rad.to_degrees(),
+            })
+        })
+        .collect();
+    let [k0, k1, k2, k3, k4] = film.distortion.k;
+    let [p1, p2, p3, p4] = film.distortion.p;
+    let mut body = json!({
+        "name": name,
+        "principal_distance_mm": film.principal_distance_mm,
+        "principal_point_mm": [film.principal_point_mm.x, film.principal_point_mm.y],
+        "symmetry_point_mm": [film.symmetry_point_mm.x, film.symmetry_point_mm.y],
+        "format_mm": film.format_mm,
+        "distortion": {
+            "model": "smac", "k0": k0, "k1": k1, "k2": k2, "k3": k3, "k4": k4, "p1": p1, "p2": p2, "p3": p3, "p4": p4
+        },
+        "fiducials": fiducials,
+    });
+    if let Some(feature) = &plate.asymmetric {
+        body["asymmetric_feature"] = json!({
+            "position_mm": [feature.position_mm.x, feature.position_mm.y],
+            "sigma_mm": feature.sigma_mm,
+            "template": template(&feature.mark),
+            "rotation_deg": feature.rotation_rad.to_degrees(),
+        });
+    }
+    if let Some(side) = plate.data_strip {
+        body["data_strip"] = json!(match side {
+            Side::Left => "left",
+            Side::Right => "right",
+            Side::Top => "top",
+            Side::Bottom => "bottom",
+        });
+    }
+    body
+}
+
+/// What is true of a scan.
+fn scan_body(scan: &SimulatedScan) -> Value {
+    let laid = scan.truth();
+    let marks =
+        laid.marks.iter().map(|mark| json!({ "name": mark.name, "px": [mark.position_px.x, mark.position_px.y] }));
+    let rows = [0, 1].map(|row| [0, 1, 2].map(|column| laid.pixel_from_plate[(row, column)]));
+    json!({
+        "pixel_from_plate": rows,
+        "quarter_turns": laid.turns,
+        "reading": if laid.mirrored { "wrong" } else { "right" },
+        "polarity": if laid.negative { "negative" } else { "positive" },
+        "marks": marks.collect::<Vec<_>>(),
+    })
+}
+
+/// Writes a scan of no place into a folder that exists: `scan.tif`, `camera.json` and `truth.json`.
+///
+/// # Errors
+/// [`SimulationError::Write`] names the file that could not be written.
+pub fn write_scan(seed: u64, scan: &SimulatedScan, tiff: &TiffSettings, folder: &Path) -> Result<(), SimulationError> {
+    let plate = scan.plate().clone();
+    let film = Film::new(153.0, Vector2::zeros(), Vector2::zeros(), Smac::default(), plate.format_mm)?;
+    let camera = camera_body(&format!("simulated-scan-{seed}"), &FilmCamera { film, plate });
+    for (name, body) in [("camera.json", camera), ("truth.json", scan_body(scan))] {
+        let path = folder.join(name);
+        std::fs::write(&path, format!("{body:#}\n")).map_err(|source| SimulationError::Write { path, source })?;
+    }
+    let path = folder.join("scan.tif");
+    let failed = |source| SimulationError::Write { path: path.clone(), source };
+    let mut file = BufWriter::new(File::create(&path).map_err(failed)?);
+    write_tiff(scan, tiff, &mut file).map_err(failed)
 }
 
 /// The marks of simulated cameras are all of the library.
