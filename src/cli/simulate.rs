@@ -161,16 +161,14 @@ impl Simulate {
         for seed in seeds.clone() {
             bar.set_message(format!("seed {seed}"));
             let folder = self.folder(seed);
-            std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-            let (scene, photograph) = match self.mixture.and_then(MixtureName::of_images) {
-                Some(mixture) => (written(mixture.scene(seed)?, &folder)?, PHOTOGRAPH_FILE),
-                None if self.film => {
-                    let film = FilmScene::draw(seed, &given, &FilmScene::default_scan(seed))?;
-                    film.write(&folder)?;
-                    (film.scene, SCAN_FILE)
-                }
-                None => (written(Scene::draw(seed, &given)?, &folder)?, PHOTOGRAPH_FILE),
+            // nothing is made before the settings have proved to make sense
+            let drawn = match self.mixture.and_then(MixtureName::of_images) {
+                Some(mixture) => Drawn::Digital(mixture.scene(seed)?),
+                None if self.film => Drawn::Film(FilmScene::draw(seed, &given, &FilmScene::default_scan(seed))?),
+                None => Drawn::Digital(Scene::draw(seed, &given)?),
             };
+            std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            let (scene, photograph) = drawn.written(&folder)?;
             bar.inc(1);
             let in_view = scene.in_view().count();
             let line = format!("{}: {in_view} of {} control points in view", folder.display(), scene.control.len());
@@ -188,9 +186,21 @@ impl Simulate {
     }
 }
 
-fn written(scene: Scene, folder: &Path) -> anyhow::Result<Scene> {
-    scene.write(folder)?;
-    Ok(scene)
+/// A scene with its camera.
+enum Drawn {
+    Digital(Scene),
+    Film(FilmScene),
+}
+
+impl Drawn {
+    /// Writes it; the scene, and the name of its photograph.
+    fn written(self, folder: &Path) -> anyhow::Result<(Scene, &'static str)> {
+        match self {
+            Self::Digital(scene) => scene.write(folder).map(|()| (scene, PHOTOGRAPH_FILE)),
+            Self::Film(film) => film.write(folder).map(|()| (film.scene, SCAN_FILE)),
+        }
+        .map_err(anyhow::Error::from)
+    }
 }
 
 fn bar(scenes: u64) -> ProgressBar {

@@ -462,12 +462,13 @@ mod tests {
         Camera::of_scan([4000, 3000], &film, &pixel_from_plate).unwrap()
     }
 
-    /// Mean squared Mahalanobis distance of adjustments of scans whose interior orientation errs by 3 px in each
-    /// coordinate of marks in the corners, with and without being told so.
+    /// Mean squared Mahalanobis distance of adjustments of scans whose interior orientation errs by 0.7 px in each
+    /// coordinate of marks in the corners, with and without being told so. (Beyond some pixels it would matter that it also
+    /// turns and stretches the buildings, each of which is only allowed a shift.)
     #[test]
     fn what_is_not_known_of_the_interior_orientation_is_in_the_covariance() {
         const RUNS: u32 = 500;
-        let sigmas = Vector6::new(3.0 / 106.0, 3.0 / 106.0, 3.0, 3.0 / 106.0, 3.0 / 106.0, 3.0);
+        let sigmas = Vector6::new(0.7 / 106.0, 0.7 / 106.0, 0.7, 0.7 / 106.0, 0.7 / 106.0, 0.7);
         let control = town();
         let told = scan().with_interior_covariance(&Matrix6::from_diagonal(&sigmas.map(|s| s * s)));
         let mut means = [0.0; 2];
@@ -492,7 +493,7 @@ mod tests {
             }
         }
         // slightly pessimistic: the prior has no error here
-        assert!((4.8..6.6).contains(&means[0]) && means[1] > 9.0, "{means:?}");
+        assert!((5.2..6.8).contains(&means[0]) && means[1] > 8.0, "{means:?}");
     }
 
     #[test]
