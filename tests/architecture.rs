@@ -33,6 +33,7 @@ const ROOMS: &[Room] = &[
             "orientation",
             "learning",
             "diagnosis",
+            "interior",
             "pipeline",
             "classifiers",
             "simulation",

@@ -9,6 +9,7 @@ mod interior;
 mod key;
 mod openapi;
 mod orient;
+mod scan;
 mod serve;
 mod sets;
 mod simulate;

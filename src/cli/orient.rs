@@ -28,6 +28,7 @@ use gable::store::Store;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::evaluate::costs;
+use super::scan::ScanFlags;
 use super::{Settings, import, print};
 
 const EXAMPLES: &str = "\
@@ -100,6 +101,8 @@ pub(crate) struct Orient {
     settings: Settings,
     #[command(flatten)]
     approximation: ApproximationFlags,
+    #[command(flatten)]
+    scan: ScanFlags,
 }
 
 /// The approximation, flag by flag.
@@ -212,17 +215,14 @@ impl Orient {
             Some(store) => ActiveClassifier::default().get(store).await?,
             None => shipped_classifier()?,
         };
-        let CameraModel::Digital(camera) = camera else {
-            bail!("--camera {}: scans of film cannot be oriented by this version", self.camera);
-        };
         let work = prepared.work(camera, &decides)?;
         let pool = match (&self.control, &store) {
             (Some(file), _) => self.control_of_file(file).await?,
             (None, Some(store)) => store.pool().clone(),
             (None, None) => bail!("there are no control points; give --control FILE or --data FOLDER"),
         };
-        let approximation = &work.task.approximation;
-        let near = control::around(&pool, &work.frame, &camera, approximation, Reach::default()).await?;
+        let half_view_rad = work.camera.half_view_rad();
+        let near = control::around(&pool, &work.frame, half_view_rad, &work.approximation, Reach::default()).await?;
         let (path, bar) = (self.image.clone(), Bar::new());
         let oriented = tokio::task::spawn_blocking(move || {
             let orient: Pipeline = Arc::new(pipeline::orient);
@@ -248,6 +248,7 @@ impl Orient {
             caution: self.caution,
             threshold: self.threshold,
             control: None,
+            interior_orientation: self.scan.request(),
             output_crs: self.output_crs.clone(),
             webhook: None,
         })

@@ -1,5 +1,6 @@
 //! `gable simulate`: scenes as files, or the study of thousands that are never written.
 
+mod film;
 mod likeness;
 mod lines;
 mod rows;
@@ -7,8 +8,9 @@ mod study;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use clap::Args;
+use gable::simulation::film::{FilmScene, SCAN_FILE};
 use gable::simulation::{PHOTOGRAPH_FILE, Scene, SceneSettings};
 use gable::study::Mixture;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -37,6 +39,14 @@ Examples:
 
   gable simulate --mixture hostile --images 10000 --out study-hostile
       Tries to get a wrong orientation accepted: control on a line, in a corner, just enough or false, repeated houses.
+
+  gable simulate --film --seed 9
+      Writes a scene that was photographed on film: the photograph is a scan with fiducial marks (photograph.tif), turned or
+      mirrored or a negative by seed, and camera.json that of a film camera.
+
+  gable simulate --mixture film --images 10000 --out study-film
+      Brings 10000 scans of film to their plates and counts what came out. Leaves scans.csv and table.md in the folder.
+      With --corrupt one of four marks of each scan is covered, scratched, missing or moved.
 
   gable simulate --mixture poor --seed 17 --write
       Writes the scene of the study's image 17, to look at.
@@ -70,6 +80,12 @@ pub(crate) struct Simulate {
     /// Instead measure how like the mixture is to a dataset of real photographs.
     #[arg(long, value_name = "FOLDER", requires = "mixture", conflicts_with = "out")]
     likeness: Option<PathBuf>,
+    /// Write scenes that were photographed on film, and the film scanned.
+    #[arg(long, conflicts_with_all = ["mixture", "settings"])]
+    film: bool,
+    /// With the mixture `film`: spoil one of the marks of each scan, of cameras with four.
+    #[arg(long, requires = "mixture", conflicts_with_all = ["likeness", "write"])]
+    corrupt: bool,
     /// Instead write the scenes of the mixture.
     #[arg(long, requires = "mixture", conflicts_with = "likeness")]
     write: bool,
@@ -86,15 +102,19 @@ enum MixtureName {
     Wide,
     /// Control that invites a wrong answer: nothing wrong may be accepted.
     Hostile,
+    /// Scans of film, for their interior orientation alone.
+    Film,
 }
 
-impl From<MixtureName> for Mixture {
-    fn from(name: MixtureName) -> Self {
-        match name {
-            MixtureName::Good => Self::Good,
-            MixtureName::Poor => Self::Poor,
-            MixtureName::Wide => Self::Wide,
-            MixtureName::Hostile => Self::Hostile,
+impl MixtureName {
+    /// The mixture of images with control; `None` for scans of film.
+    fn of_images(self) -> Option<Mixture> {
+        match self {
+            Self::Good => Some(Mixture::Good),
+            Self::Poor => Some(Mixture::Poor),
+            Self::Wide => Some(Mixture::Wide),
+            Self::Hostile => Some(Mixture::Hostile),
+            Self::Film => None,
         }
     }
 }
@@ -106,7 +126,14 @@ impl Simulate {
 
     fn obey(&self) -> anyhow::Result<()> {
         let seeds = self.seed..self.seed + self.images;
-        match (self.mixture.map(Mixture::from), &self.likeness) {
+        if matches!(self.mixture, Some(MixtureName::Film)) {
+            if self.write || self.likeness.is_some() {
+                bail!("the mixture `film` can only be studied; `gable simulate --film` writes scenes");
+            }
+            let folder = self.out.clone().unwrap_or_else(|| "study-film".into());
+            return film::study(seeds, self.corrupt, &folder);
+        }
+        match (self.mixture.and_then(MixtureName::of_images), &self.likeness) {
             (Some(mixture), Some(dataset)) => likeness::compare(mixture, seeds, dataset),
             (Some(mixture), None) if !self.write => {
                 let folder = self.out.clone().unwrap_or_else(|| format!("study-{}", mixture.name()).into());
@@ -125,19 +152,23 @@ impl Simulate {
         for seed in seeds.clone() {
             bar.set_message(format!("seed {seed}"));
             let folder = self.folder(seed);
-            let scene = match self.mixture {
-                Some(name) => Mixture::from(name).scene(seed)?,
-                None => Scene::draw(seed, &given)?,
-            };
             std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-            scene.write(&folder)?;
+            let (scene, photograph) = match self.mixture.and_then(MixtureName::of_images) {
+                Some(mixture) => (written(mixture.scene(seed)?, &folder)?, PHOTOGRAPH_FILE),
+                None if self.film => {
+                    let film = FilmScene::draw(seed, &given, &FilmScene::default_scan(seed))?;
+                    film.write(&folder)?;
+                    (film.scene, SCAN_FILE)
+                }
+                None => (written(Scene::draw(seed, &given)?, &folder)?, PHOTOGRAPH_FILE),
+            };
             bar.inc(1);
             let in_view = scene.in_view().count();
             let line = format!("{}: {in_view} of {} control points in view", folder.display(), scene.control.len());
             bar.suspend(|| print(&line))?;
             if seed + 1 == seeds.end {
                 bar.finish_and_clear();
-                print(&format!("\nOrient it with\n  {}", orient_command(&folder, &scene.crs())))?;
+                print(&format!("\nOrient it with\n  {}", orient_command(&folder, photograph, &scene.crs())))?;
             }
         }
         Ok(())
@@ -148,6 +179,11 @@ impl Simulate {
     }
 }
 
+fn written(scene: Scene, folder: &Path) -> anyhow::Result<Scene> {
+    scene.write(folder)?;
+    Ok(scene)
+}
+
 fn bar(scenes: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}");
     let bar = ProgressBar::new(scenes);
@@ -155,11 +191,11 @@ fn bar(scenes: u64) -> ProgressBar {
 }
 
 /// The command that orients a scene, for a shell.
-fn orient_command(folder: &Path, crs: &str) -> String {
+fn orient_command(folder: &Path, photograph: &str, crs: &str) -> String {
     let file = |name: &str| quoted(&folder.join(name).to_string_lossy());
     format!(
         "gable orient {} --camera {} --control {} --crs {} --approximation {} --overlay {}",
-        file(PHOTOGRAPH_FILE),
+        file(photograph),
         file("camera.json"),
         file("control_points.geojson"),
         quoted(crs),

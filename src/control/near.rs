@@ -6,7 +6,7 @@ use sqlx::SqlitePool;
 use super::model::StoredControlPoint;
 use super::region::{GeodeticBox, longitude_latitude_deg};
 use super::{ControlError, sqlite};
-use crate::geometry::{Camera, LocalFrame};
+use crate::geometry::LocalFrame;
 use crate::orientation::ControlPoint;
 use crate::pipeline::Approximation;
 
@@ -44,7 +44,7 @@ const RELIEF: f64 = 1.2;
 pub async fn around(
     pool: &SqlitePool,
     frame: &LocalFrame,
-    camera: &Camera,
+    half_view_rad: f64,
     approximation: &Approximation,
     reach: Reach,
 ) -> Result<Vec<ControlPoint>, ControlError> {
@@ -56,7 +56,7 @@ pub async fn around(
     // the pipeline may search a second time, wider
     let erring_more = approximation.erring_more();
     let widest = erring_more.as_ref().unwrap_or(approximation);
-    let radius_m = view_radius_m(camera, widest, ground_m).min(reach.farthest_m);
+    let radius_m = view_radius_m(half_view_rad, widest, ground_m).min(reach.farthest_m);
     let candidates = sqlite::in_box(pool, GeodeticBox::around_place(place, radius_m), 0, usize::MAX).await?;
     let horizontal_m = |point: &ControlPoint| (point.reference_m - centre_m).xy().norm();
     let mut near: Vec<ControlPoint> = candidates
@@ -100,11 +100,10 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 
 /// The horizontal distance from the camera beyond which nothing can be in view: half the diagonal field of view and
 /// the tilt, with three standard deviations of all that is uncertain.
-fn view_radius_m(camera: &Camera, approximation: &Approximation, ground_m: f64) -> f64 {
+fn view_radius_m(half_view_rad: f64, approximation: &Approximation, ground_m: f64) -> f64 {
     let orientation = &approximation.orientation;
     let [sigma_east_m, sigma_north_m, sigma_up_m] = approximation.sigma_position_m;
     let flying_height_m = (orientation.projection_centre_m.z - ground_m).max(0.0) * RELIEF + 3.0 * sigma_up_m;
-    let half_view_rad = (camera.frame_radius_px() / camera.principal_distance_px).atan();
     // R[2][2] is the cosine between the camera's axis and the plumb line
     let tilt_rad = orientation.camera_from_object.matrix()[(2, 2)].clamp(-1.0, 1.0).acos();
     // omega and phi each have sigma_tilt
@@ -121,7 +120,7 @@ fn extent_m(point: &ControlPoint) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Brown, ExteriorOrientation, rotation};
+    use crate::geometry::{Brown, Camera, ExteriorOrientation, rotation};
     use nalgebra::{Vector2, Vector3};
 
     fn approximation(height_m: f64, omega_rad: f64) -> Approximation {
@@ -142,7 +141,7 @@ mod tests {
         let camera = Camera::new([4000, 3000], 3000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap();
         for omega_rad in [0.0, 0.2, 0.5] {
             let approximation = approximation(500.0, omega_rad);
-            let radius_m = view_radius_m(&camera, &approximation, 0.0);
+            let radius_m = view_radius_m(camera.half_view_rad(), &approximation, 0.0);
             for corner in [(0.0, 0.0), (4000.0, 0.0), (0.0, 3000.0), (4000.0, 3000.0)] {
                 let reduced = camera.reduced_from_pixel(Vector2::new(corner.0, corner.1)).unwrap();
                 let ground = approximation.orientation.ground_point_m(3000.0, reduced, 0.0).unwrap();
@@ -156,7 +155,7 @@ mod tests {
     fn a_camera_below_the_control_points_sees_no_more_than_its_uncertainty() {
         let camera = Camera::new([4000, 3000], 3000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap();
         let below = Approximation { sigma_position_m: [10.0, 0.0, 0.0], ..approximation(-50.0, 0.0) };
-        assert!((view_radius_m(&camera, &below, 0.0) - 30.0).abs() < 1e-9);
+        assert!((view_radius_m(camera.half_view_rad(), &below, 0.0) - 30.0).abs() < 1e-9);
     }
 
     #[test]

@@ -193,13 +193,13 @@ async fn what_may_be_in_view_is_found(#[case] lon: f64) {
     let report = import(&pool, &collection(&features.collect::<Vec<_>>()), Mode::Upsert).await;
     assert_eq!(counts(&report), (41 * 41, 0, 0), "{:?}", report.rejected.first());
     let (camera, approximation) = nadir(580.0);
-    let found = around(&pool, &frame, &camera, &approximation, Reach::default()).await.unwrap();
+    let found = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default()).await.unwrap();
     let distance = |point: &crate::orientation::ControlPoint| point.reference_m.xy().norm();
     // 500 m above ground the corner of the view is 417 m away
     assert_eq!(found.iter().filter(|p| distance(p) < 417.0).count(), 57);
     assert!(found.iter().all(|p| distance(p) < 700.0), "{:?}", found.iter().map(distance).fold(0.0, f64::max));
     let few = Reach { most: 9, ..Reach::default() };
-    let found = around(&pool, &frame, &camera, &approximation, few).await.unwrap();
+    let found = around(&pool, &frame, camera.half_view_rad(), &approximation, few).await.unwrap();
     assert!(found.len() == 9 && found.iter().all(|p| distance(p) < 150.0));
 }
 
@@ -207,7 +207,12 @@ async fn what_may_be_in_view_is_found(#[case] lon: f64) {
 async fn an_empty_database_has_nothing_in_view() {
     let (camera, approximation) = nadir(500.0);
     let frame = LocalFrame::at(16.6, 52.7, 0.0);
-    assert!(around(&database().await, &frame, &camera, &approximation, Reach::default()).await.unwrap().is_empty());
+    assert!(
+        around(&database().await, &frame, camera.half_view_rad(), &approximation, Reach::default())
+            .await
+            .unwrap()
+            .is_empty()
+    );
 }
 
 #[tokio::test]
@@ -241,7 +246,7 @@ async fn a_view_is_found_among_many() {
     let (camera, approximation) = nadir(580.0);
     let began = std::time::Instant::now();
     for _ in 0..20 {
-        let found = around(&pool, &frame, &camera, &approximation, Reach::default()).await.unwrap();
+        let found = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default()).await.unwrap();
         assert_eq!(found.iter().map(|point| point.name.as_str()).collect::<Vec<_>>(), ["100,70"]);
     }
     let milliseconds = began.elapsed().as_secs_f64() * 50.0;

@@ -236,6 +236,12 @@ impl Camera {
         self.frame_radius_px
     }
 
+    /// The angle between the axis and the ray of the farthest corner of the frame.
+    #[must_use]
+    pub fn half_view_rad(&self) -> f64 {
+        (self.frame_radius_px / self.principal_distance_px).atan()
+    }
+
     /// The rectangle of pixels, least and largest x and y, that holds a square of reduced points about a centre. The
     /// distortion is left out.
     #[must_use]

@@ -186,6 +186,13 @@ impl Film {
         None
     }
 
+    /// The angle between the axis and the ray of the corner of the image that is farthest from it.
+    #[must_use]
+    pub fn half_view_rad(&self) -> f64 {
+        let away = |corner: Vector2<f64>| (self.corrected_mm(corner) - self.principal_point_mm).norm();
+        (self.places_mm(1).map(away).fold(0.0, f64::max) / self.principal_distance_mm).atan()
+    }
+
     /// Whether the distortion does not turn over at a measured place.
     pub(super) fn is_unfolded(&self, measured_mm: Vector2<f64>) -> bool {
         self.jacobian(measured_mm).determinant() > 0.0

@@ -36,6 +36,8 @@ const TURNS_RAD: [f64; 5] = [0.0, -0.07, 0.07, -0.14, 0.14];
 /// Without a stated pixel: what the scan shows beyond the image on each side, and by how much that may be wrong.
 const RIM_MM: f64 = 7.0;
 const SCALE_UNKNOWN: f64 = 0.06;
+/// A stated pixel makes the scan so large, compared with one of the image and its rim; else it is not believed.
+const PLAUSIBLE_SIZE: std::ops::RangeInclusive<f64> = 0.8..=2.0;
 
 /// Finds the interior orientation of a scan.
 ///
@@ -49,9 +51,12 @@ pub fn interior_orientation(
     let size_px = picture.size_px();
     let longest = f64::from(size_px[0].max(size_px[1]).max(1));
     let longest_mm = plate.format_mm[0].max(plate.format_mm[1]) + 2.0 * RIM_MM;
-    let pixel_mm = wanted.pixel_mm.unwrap_or(longest_mm / longest);
+    // what a file states may mean nothing, as 300 dpi often does
+    let could_be = |pixel_mm: &f64| PLAUSIBLE_SIZE.contains(&(pixel_mm * longest / longest_mm));
+    let stated = wanted.pixel_mm.filter(could_be);
+    let pixel_mm = stated.unwrap_or(longest_mm / longest);
     let expectation = |([offset_mm, rotation_rad], scale): ([f64; 2], f64)| {
-        let scale = if wanted.pixel_mm.is_some() { scale } else { SCALE_UNKNOWN };
+        let scale = if stated.is_some() { scale } else { SCALE_UNKNOWN };
         Expectation { pixel_mm, scale, offset_mm, rotation_rad }
     };
     let mut search = Search::new(picture, plate, expectation(NEAR));

@@ -16,10 +16,11 @@ use crate::classifiers::Record;
 use crate::control::{self, ControlError};
 use crate::diagnosis::Verdict;
 use crate::features::{Picture as _, PictureError};
-use crate::geometry::CrsError;
-use crate::imagery::{ImageFile, ImageryError, Limits};
+use crate::geometry::{Camera, CrsError};
+use crate::imagery::{self, ImageFile, ImageryError, Limits};
 use crate::orientation::ControlPoint;
-use crate::pipeline::{ControlPointResult, Fault, Observer};
+use crate::pipeline::{ControlPointResult, Fault, FilmOutcome, Observer, Outcome, orient_film};
+use crate::report::interior::InteriorResult;
 use crate::report::overlay::Drawing;
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
@@ -65,9 +66,6 @@ pub enum AttemptError {
     /// The camera cannot be used.
     #[error(transparent)]
     Camera(#[from] CameraModelError),
-    /// A scan of film without an interior orientation.
-    #[error("scans of film cannot be oriented by this version")]
-    InteriorOrientation,
     /// The row refers to something that is not there.
     #[error("the {what} of the orientation is not there any more")]
     Missing {
@@ -100,7 +98,6 @@ impl AttemptError {
             Self::Imagery(error) => failure("image_unusable", error.to_string()),
             Self::Picture(error) => failure("image_unusable", error.to_string()),
             Self::Crs(_) => failure("output_crs", self.to_string()),
-            Self::InteriorOrientation => failure("interior_orientation", self.to_string()),
             Self::Missing { .. } => failure("missing", self.to_string()),
             Self::Classifier(ActiveError::Unreadable { .. }) => failure("classifier_unreadable", self.to_string()),
             _ => None,
@@ -121,18 +118,38 @@ pub fn oriented(
     observer: &dyn Observer,
 ) -> Result<Oriented, AttemptError> {
     let picture = ImageFile::open(path, limits)?;
-    let camera = &work.task.camera;
+    let (outcome, interior) = match &work.camera {
+        CameraModel::Digital(camera) => (of_digital(orient, &picture, control, work, camera, observer)?, None),
+        CameraModel::Film(camera) => {
+            let wanted = prepared.scan.wanted(imagery::probe(path, limits)?.pixel_size_um);
+            let task = work.film_task(camera.clone(), wanted);
+            let FilmOutcome { interior, outcome } = orient_film(&**orient, &picture, control, &task, observer)?;
+            (outcome, Some(InteriorResult::of(&interior, &camera.plate, picture.size_px())))
+        }
+    };
+    let (approximation, warnings) = (prepared.approximation.clone(), prepared.warnings.clone());
+    let mut result =
+        report::result(&outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
+    result.interior_orientation = interior;
+    let accepted = outcome.diagnosis.verdict == Verdict::Green;
+    let sightings = outcome.control_points.iter().filter(|_| accepted).map(sighting).collect();
+    Ok(Oriented { result, drawing: Drawing::of(&outcome), record: Record::of(&outcome), sightings })
+}
+
+fn of_digital(
+    orient: &Orient,
+    picture: &ImageFile,
+    control: &[ControlPoint],
+    work: &Work,
+    camera: &Camera,
+    observer: &dyn Observer,
+) -> Result<Outcome, AttemptError> {
     if picture.size_px() != [camera.width_px, camera.height_px] {
         let [width, height] = picture.size_px();
         let detail = format!("the picture has {width} x {height} px, which is not what its header says");
         return Err(PictureError { detail }.into());
     }
-    let outcome = orient(&picture, control, &work.task, observer)?;
-    let (approximation, warnings) = (prepared.approximation.clone(), prepared.warnings.clone());
-    let result = report::result(&outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
-    let accepted = outcome.diagnosis.verdict == Verdict::Green;
-    let sightings = outcome.control_points.iter().filter(|_| accepted).map(sighting).collect();
-    Ok(Oriented { result, drawing: Drawing::of(&outcome), record: Record::of(&outcome), sightings })
+    Ok(orient(picture, control, &work.task(*camera), observer)?)
 }
 
 /// All that is kept of an oriented image.
@@ -268,15 +285,13 @@ impl Inner {
     async fn load(&self, orientation: &Orientation) -> Result<Loaded, AttemptError> {
         let image = self.store.image(orientation.image_id).await?.ok_or(AttemptError::Missing { what: "image" })?;
         let camera = camera_model(&self.store, &orientation.camera_id.to_string()).await?;
-        let camera = match camera.ok_or(AttemptError::Missing { what: "camera" })? {
-            CameraModel::Digital(camera) => camera,
-            CameraModel::Film(_) => return Err(AttemptError::InteriorOrientation),
-        };
+        let camera = camera.ok_or(AttemptError::Missing { what: "camera" })?;
         let prepared: Prepared = serde_json::from_str(&orientation.prepared)?;
         let work = prepared.work(camera, &self.active.get(&self.store).await?)?;
         let pool = self.store.pool();
         let control =
-            control::around(pool, &work.frame, &camera, &work.task.approximation, self.settings.reach).await?;
+            control::around(pool, &work.frame, work.camera.half_view_rad(), &work.approximation, self.settings.reach)
+                .await?;
         Ok(Loaded { path: self.store.image_path(&image.sha256), prepared, work, control })
     }
 

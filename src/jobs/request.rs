@@ -2,6 +2,7 @@
 
 mod approximation;
 mod policy;
+mod scan;
 #[cfg(test)]
 mod tests;
 
@@ -13,12 +14,13 @@ use utoipa::ToSchema;
 
 pub use approximation::{ApproximationRequest, NUMBERS_ASSUMED};
 pub use policy::{CostsRequest, PolicyGiven};
+pub use scan::{Reading, ScanRequest, TransformationKind};
 
 use super::active::NamedClassifier;
 use crate::geometry::{Camera, Crs, CrsError, ExteriorOrientation, LocalFrame, rotation};
 use crate::imagery::{ExifHeading, ExifPosition, Probe};
-use crate::interior::FilmCamera;
-use crate::pipeline::{Approximation, Judge, Task, Tolerance};
+use crate::interior::{FilmCamera, Wanted};
+use crate::pipeline::{Approximation, FilmTask, Judge, Task, Tolerance};
 use crate::report::{ApproximationUsed, ClassifierUsed, Output, Vertical, Warning};
 
 /// The tolerance if the request does not say.
@@ -60,6 +62,10 @@ pub struct OrientationRequest {
     /// Which control is used; default: whatever there is. Control scenes are not available yet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlKind>,
+    /// How a scan of film is brought to its camera's plate; only with a film camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!(null))]
+    pub interior_orientation: Option<ScanRequest>,
     /// The CRS of the result; default: that of the position.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = "EPSG:32614")]
@@ -117,6 +123,9 @@ pub struct Prepared {
     /// Costs and threshold.
     #[serde(default)]
     pub policy: PolicyGiven,
+    /// How a scan of film is brought to its camera's plate.
+    #[serde(default)]
+    pub scan: ScanRequest,
     /// The CRS of the result.
     pub output_crs: String,
     /// Above which its heights are, if not the ellipsoid.
@@ -137,6 +146,7 @@ pub enum ToleranceGiven {
 
 /// A camera that is ready for use.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a camera is small enough to be copied, and there are few at a time")]
 pub enum CameraModel {
     /// Its images are all alike.
     Digital(Camera),
@@ -153,6 +163,15 @@ impl CameraModel {
             Self::Film(_) => None,
         }
     }
+
+    /// How far from its axis it sees, radians.
+    #[must_use]
+    pub fn half_view_rad(&self) -> f64 {
+        match self {
+            Self::Digital(camera) => camera.half_view_rad(),
+            Self::Film(camera) => camera.film.half_view_rad(),
+        }
+    }
 }
 
 /// What the pipeline needs, in the local frame at the approximate position.
@@ -160,8 +179,14 @@ impl CameraModel {
 pub struct Work {
     /// East, north, up at the foot of the approximate position on the ellipsoid.
     pub frame: LocalFrame,
-    /// The task in that frame.
-    pub task: Task,
+    /// The camera.
+    pub camera: CameraModel,
+    /// The approximate orientation in that frame.
+    pub approximation: Approximation,
+    /// What the verdict is about.
+    pub tolerance: Tolerance,
+    /// Who decides.
+    pub judge: Judge,
     /// Where the result is to be given.
     pub output: Output,
     /// The classifier, as results name it.
@@ -203,13 +228,14 @@ impl OrientationRequest {
         let mut warnings = Vec::new();
         self.check_sizes(camera_size_px, image, &mut faults);
         self.check_what_is_not_there_yet(&mut faults);
+        let scan = self.scan(camera_size_px, &mut faults);
         let tolerance = self.tolerance(&mut faults);
         let policy = self.policy(&mut faults);
         let approximation = self.approximation.resolve(image, &mut faults, &mut warnings);
         let output = approximation.as_ref().and_then(|used| self.output(used, &mut faults, &mut warnings));
         match (approximation, tolerance, output) {
             (Some(approximation), Some(tolerance), Some((output_crs, output_vertical))) if faults.0.is_empty() => {
-                Ok(Prepared { approximation, tolerance, policy, output_crs, output_vertical, warnings })
+                Ok(Prepared { approximation, tolerance, policy, scan, output_crs, output_vertical, warnings })
             }
             _ => Err(faults.0),
         }
@@ -224,6 +250,16 @@ impl OrientationRequest {
             );
             faults.add("/camera", detail);
         }
+    }
+
+    fn scan(&self, camera_size_px: Option<[u32; 2]>, faults: &mut Faults) -> ScanRequest {
+        const POINTER: &str = "/interior_orientation";
+        let Some(scan) = self.interior_orientation else { return ScanRequest::default() };
+        scan.check(POINTER, faults);
+        if camera_size_px.is_some() {
+            faults.add(POINTER, "this camera is digital: only scans of film have an interior orientation of their own");
+        }
+        scan
     }
 
     fn check_what_is_not_there_yet(&self, faults: &mut Faults) {
@@ -308,7 +344,7 @@ impl Prepared {
     ///
     /// # Errors
     /// [`CrsError`] if a CRS that was known when the request came is not known any more.
-    pub fn work(&self, camera: Camera, decides: &NamedClassifier) -> Result<Work, CrsError> {
+    pub fn work(&self, camera: CameraModel, decides: &NamedClassifier) -> Result<Work, CrsError> {
         let used = &self.approximation;
         let geocentric_m = geocentric(used)?;
         let frame = self.frame()?;
@@ -337,6 +373,22 @@ impl Prepared {
         };
         let judge = Judge { classifier: decides.loaded.classifier.clone(), policy: self.policy.policy() };
         let decides = ClassifierUsed::of(&decides.name, &decides.loaded);
-        Ok(Work { frame, task: Task { camera, approximation, tolerance, judge }, output, decides })
+        Ok(Work { frame, camera, approximation, tolerance, judge, output, decides })
+    }
+}
+
+impl Work {
+    /// The task for an image of this camera.
+    #[must_use]
+    pub fn task(&self, camera: Camera) -> Task {
+        let Self { approximation, tolerance, judge, .. } = self.clone();
+        Task { camera, approximation, tolerance, judge }
+    }
+
+    /// The task for a scan of film.
+    #[must_use]
+    pub fn film_task(&self, camera: Arc<FilmCamera>, wanted: Wanted) -> FilmTask {
+        let Self { approximation, tolerance, judge, .. } = self.clone();
+        FilmTask { camera, wanted, approximation, tolerance, judge }
     }
 }

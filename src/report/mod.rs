@@ -62,6 +62,7 @@ pub fn result(
     let mut result = OrientationResult {
         projection_centre: None,
         rotation: None,
+        interior_orientation: None,
         covariance: None,
         sigma0: None,
         redundancy: None,

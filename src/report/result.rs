@@ -3,6 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::interior::InteriorResult;
 use super::position::{Position, Warning};
 use crate::classifiers::Loaded;
 
@@ -15,6 +16,10 @@ pub struct OrientationResult {
     /// How it was turned.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation: Option<RotationResult>,
+    /// Of a scan of film: how it was brought to the camera's plate. All pixels are those of the scan, and the rotation is
+    /// that of the plate, whichever way it lies there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interior_orientation: Option<InteriorResult>,
     /// How well both are known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub covariance: Option<CovarianceResult>,

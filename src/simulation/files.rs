@@ -120,15 +120,21 @@ impl Scene {
     /// # Errors
     /// [`SimulationError::Write`] names the file that could not be written.
     pub fn write(&self, folder: &Path) -> Result<(), SimulationError> {
+        self.write_bodies(folder, &self.camera_body(), &self.truth())?;
+        let path = folder.join(PHOTOGRAPH_FILE);
+        std::fs::write(&path, self.render().png()?).map_err(|source| SimulationError::Write { path, source })
+    }
+
+    /// All but the photograph.
+    pub(super) fn write_bodies(&self, folder: &Path, camera: &Value, truth: &Value) -> Result<(), SimulationError> {
         let to_file = |name: &str, content: Vec<u8>| {
             let path = folder.join(name);
             std::fs::write(&path, content).map_err(|source| SimulationError::Write { path, source })
         };
-        to_file("camera.json", text(&self.camera_body()))?;
+        to_file("camera.json", text(camera))?;
         to_file("control_points.geojson", text(&self.control_points_body()))?;
         to_file("approximation.json", text(&self.approximation_body()))?;
-        to_file("truth.json", text(&self.truth()))?;
-        to_file(PHOTOGRAPH_FILE, self.render().png()?)
+        to_file("truth.json", text(truth))
     }
 }
 

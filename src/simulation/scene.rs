@@ -8,7 +8,7 @@ use super::flight::{FlightSettings, fly};
 use super::lazy::LazyPhotograph;
 use super::photograph::{Photograph, PhotographSettings, photograph};
 use super::town::{Town, TownSettings};
-use crate::geometry::{Brown, Camera, CameraError, ExteriorOrientation};
+use crate::geometry::{Brown, Camera, CameraError, ExteriorOrientation, FilmError};
 use crate::orientation::ControlPoint;
 use crate::pipeline::Approximation;
 
@@ -83,6 +83,12 @@ pub enum SimulationError {
     /// The camera makes no sense.
     #[error("the simulated camera cannot be used: {0}")]
     Camera(#[from] CameraError),
+    /// The lens of the film camera makes no sense.
+    #[error("the simulated film camera cannot be used: {0}")]
+    Film(#[from] FilmError),
+    /// The film lies in the scanner as no film can.
+    #[error("the simulated scan cannot be used: its transformation is singular")]
+    Scan,
     /// The photograph cannot be made a file.
     #[error("the photograph cannot be encoded: {detail}")]
     Encode {
@@ -125,8 +131,15 @@ impl Scene {
     /// # Errors
     /// [`SimulationError`] names the setting that makes no sense.
     pub fn draw(seed: u64, settings: &SceneSettings) -> Result<Self, SimulationError> {
+        Self::photographed_with(settings.camera.camera()?, seed, settings)
+    }
+
+    /// The scene of a seed, photographed with a camera other than that of the settings.
+    ///
+    /// # Errors
+    /// [`SimulationError`] names the setting that makes no sense.
+    pub fn photographed_with(camera: Camera, seed: u64, settings: &SceneSettings) -> Result<Self, SimulationError> {
         settings.check()?;
-        let camera = settings.camera.camera()?;
         let town = Town::build(seed, &settings.town);
         let control = survey(&town, seed, &settings.control);
         let (true_orientation, approximation) = fly(&town, &camera, seed, &settings.flight);

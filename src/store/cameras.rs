@@ -24,6 +24,7 @@ pub struct NamedCamera {
 
 /// The two kinds of cameras.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a camera is small enough to be copied, and there are few at a time")]
 pub enum CameraKind {
     /// A digital camera with its interior orientation.
     Digital(Camera),

@@ -5,6 +5,7 @@
 //! beside it. [`table::table`] counts rows, [`plot::plot`] draws predicted against true errors. Whether a mixture is
 //! like real photographs, [`likeness::measure`] tells: it takes the same statistics of both.
 
+pub mod film;
 mod hostile;
 pub mod likeness;
 pub mod mixture;

@@ -31,10 +31,10 @@ fn template(name: &str) -> Value {
 /// A cross, 40 x 33 px.
 fn cross(shade: u8) -> Vec<u8> {
     let arm = |x: u32, y: u32| x.abs_diff(20) < 2 || y.abs_diff(16) < 2;
-    encoded(image::GrayImage::from_fn(40, 33, |x, y| image::Luma([if arm(x, y) { 200 + shade } else { 20 }])))
+    encoded(&image::GrayImage::from_fn(40, 33, |x, y| image::Luma([if arm(x, y) { 200 + shade } else { 20 }])))
 }
 
-fn encoded(picture: image::GrayImage) -> Vec<u8> {
+fn encoded(picture: &image::GrayImage) -> Vec<u8> {
     let mut file = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut file, image::ImageFormat::Png).unwrap();
     file.into_inner()
@@ -161,7 +161,6 @@ async fn faults_of_film_cameras_are_pointed_at() {
             with(pointer, value)
         };
         let pointers = service.post("/api/v1/cameras", &given).await.problem(422);
-        // where serde itself says that an array is wrong, the pointer may be that of the array
         assert_eq!(pointers, [pointer], "{given}");
     }
     let nested = [
@@ -333,11 +332,11 @@ async fn templates_that_make_no_sense_are_refused() {
     for (given, pointer) in cases {
         assert_eq!(upload(&service, &cross(0), &given).await.problem(422), [pointer], "{given}");
     }
-    let grey = encoded(image::GrayImage::from_pixel(40, 33, image::Luma([90])));
+    let grey = encoded(&image::GrayImage::from_pixel(40, 33, image::Luma([90])));
     assert!(upload(&service, &grey, &template("grey")).await.problem(422).is_empty());
-    let large = encoded(image::GrayImage::from_fn(513, 20, |x, _| image::Luma([x as u8])));
+    let large = encoded(&image::GrayImage::from_fn(513, 20, |x, _| image::Luma([x as u8])));
     upload(&service, &large, &template("large")).await.problem(413);
-    let small = encoded(image::GrayImage::from_fn(7, 20, |x, _| image::Luma([x as u8])));
+    let small = encoded(&image::GrayImage::from_fn(7, 20, |x, _| image::Luma([x as u8])));
     upload(&service, &small, &template("small")).await.problem(422);
     upload(&service, b"no picture", &template("text")).await.problem(415);
     let cut_off = cross(0);

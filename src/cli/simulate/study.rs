@@ -50,7 +50,7 @@ pub(super) fn study(mixture: Mixture, seeds: std::ops::Range<u64>, folder: &Path
 ///
 /// Every worker is a pool of its own with one thread: what the stages would do in parallel stays within it, so that
 /// its thread's clock counts one image and cores do not wait for one another.
-fn in_parallel(seeds: &[u64], work: impl Fn(u64) -> anyhow::Result<()> + Sync) -> anyhow::Result<()> {
+pub(super) fn in_parallel(seeds: &[u64], work: impl Fn(u64) -> anyhow::Result<()> + Sync) -> anyhow::Result<()> {
     let next = AtomicU64::new(0);
     let stopped = AtomicBool::new(false);
     let worker = || -> anyhow::Result<()> {
@@ -80,7 +80,7 @@ fn examined(mixture: Mixture, seed: u64, classifier: &Arc<Classifier>) -> anyhow
     let begin = thread_seconds();
     let scene = mixture.scene(seed)?;
     let photograph = scene.picture();
-    let picture = Timed { picture: &photograph, nanoseconds: AtomicU64::new(0) };
+    let picture = Timed::new(&photograph);
     let drawn = thread_seconds();
     let outcome = study::oriented(&scene, &picture, mixture.tolerance_gsd(seed), classifier)
         .with_context(|| format!("seed {seed}"))?;
@@ -98,19 +98,23 @@ fn examined(mixture: Mixture, seed: u64, classifier: &Arc<Classifier>) -> anyhow
 }
 
 /// Processor time of this thread.
-fn thread_seconds() -> f64 {
+pub(super) fn thread_seconds() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
 /// A picture that knows how long its windows took.
-struct Timed<'a> {
+pub(super) struct Timed<'a> {
     picture: &'a dyn Picture,
     nanoseconds: AtomicU64,
 }
 
-impl Timed<'_> {
-    fn seconds(&self) -> f64 {
+impl<'a> Timed<'a> {
+    pub(super) fn new(picture: &'a dyn Picture) -> Self {
+        Self { picture, nanoseconds: AtomicU64::new(0) }
+    }
+
+    pub(super) fn seconds(&self) -> f64 {
         self.nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9
     }
 }
@@ -128,7 +132,7 @@ impl Picture for Timed<'_> {
     }
 }
 
-fn bar(images: u64, done: u64) -> ProgressBar {
+pub(super) fn bar(images: u64, done: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} images, {per_sec}, {eta} to go");
     let bar = ProgressBar::new(images).with_position(done);
     bar.reset_eta();

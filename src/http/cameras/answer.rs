@@ -14,6 +14,7 @@ use crate::store::cameras::{CameraKind, NamedCamera};
 /// A camera.
 #[derive(Debug, Serialize, ToSchema)]
 #[serde(untagged)]
+#[allow(clippy::large_enum_variant, reason = "a camera is small enough to be copied, and there are few at a time")]
 pub(super) enum CameraAnswer {
     /// A digital camera.
     Digital(DigitalCameraAnswer),

@@ -14,6 +14,7 @@ use crate::jobs::film_camera::FilmCameraRequest;
 /// A camera: digital, or for film.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[serde(untagged)]
+#[allow(clippy::large_enum_variant, reason = "a camera is small enough to be copied, and there are few at a time")]
 pub enum CameraRequest {
     /// A digital camera.
     Digital(DigitalCameraRequest),

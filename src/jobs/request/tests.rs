@@ -130,8 +130,8 @@ fn an_undulation_makes_the_exif_altitude_ellipsoidal() {
     let prepared = request(body).prepare(Some([4000, 3000]), &with_exif()).unwrap();
     assert_eq!(prepared.approximation.sigma_position_m, [15.0, 15.0, 30.0]);
     assert!(prepared.warnings.is_empty());
-    let work = prepared.work(camera(), &shipped_classifier().unwrap()).unwrap();
-    assert!((work.task.approximation.orientation.projection_centre_m.z - 290.3).abs() < 1e-6);
+    let work = prepared.work(CameraModel::Digital(camera()), &shipped_classifier().unwrap()).unwrap();
+    assert!((work.approximation.orientation.projection_centre_m.z - 290.3).abs() < 1e-6);
     // the result has its heights above the geoid, as the position had
     assert_eq!(work.output.geoid_undulation_m, Some(-27.0));
 }
@@ -166,9 +166,9 @@ fn an_unknown_kappa_opens_the_whole_circle() {
     let work = request(body.clone())
         .prepare(Some([4000, 3000]), &bare())
         .unwrap()
-        .work(camera(), &shipped_classifier().unwrap())
+        .work(CameraModel::Digital(camera()), &shipped_classifier().unwrap())
         .unwrap();
-    assert_eq!(work.task.approximation.sigma_kappa_rad, None);
+    assert_eq!(work.approximation.sigma_kappa_rad, None);
     body["approximation"]["sigma_kappa_deg"] = json!(3);
     let faults = request(body).prepare(Some([4000, 3000]), &bare()).unwrap_err();
     assert_eq!(faults[0].pointer, "/approximation/sigma_kappa_deg");
@@ -179,12 +179,12 @@ fn the_work_is_in_the_frame_at_the_foot_of_the_position() {
     let work = request(complete())
         .prepare(Some([4000, 3000]), &bare())
         .unwrap()
-        .work(camera(), &shipped_classifier().unwrap())
+        .work(CameraModel::Digital(camera()), &shipped_classifier().unwrap())
         .unwrap();
-    let centre = work.task.approximation.orientation.projection_centre_m;
+    let centre = work.approximation.orientation.projection_centre_m;
     assert!((centre - Vector3::new(0.0, 0.0, 317.3)).norm() < 1e-6, "{centre}");
-    assert_eq!(work.task.tolerance, Tolerance::Gsd(10.0));
-    let [omega, phi, kappa] = rotation::angles(&work.task.approximation.orientation.camera_from_object);
+    assert_eq!(work.tolerance, Tolerance::Gsd(10.0));
+    let [omega, phi, kappa] = rotation::angles(&work.approximation.orientation.camera_from_object);
     for (angle, degrees) in [(omega, 1.0), (phi, -2.0), (kappa, 12.5_f64)] {
         assert!((angle.to_degrees() - degrees).abs() < 1e-9);
     }

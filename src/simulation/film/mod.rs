@@ -33,6 +33,7 @@ mod dirt;
 mod figures;
 mod painter;
 mod scan;
+mod scene;
 mod settings;
 mod shape;
 mod sheet;
@@ -47,6 +48,7 @@ mod tests;
 
 pub use camera::{Make, PlateSettings};
 pub use scan::{Content, Rendering, SimulatedScan};
+pub use scene::{FilmScene, SCAN_FILE};
 pub use settings::{Corruption, DirtSettings, Laying, ScanSettings, ScannerSettings, StrainSettings};
 pub use tiff::{Pieces, TiffSettings, write_tiff};
 pub use truth::{MarkState, ScanTruth, TrueMark};

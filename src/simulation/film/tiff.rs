@@ -212,7 +212,7 @@ fn write_directory<W: Write + Seek>(directory: &[(u16, Values)], target: &mut W)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulation::film::{Make, Laying, ScanSettings};
+    use crate::simulation::film::{Laying, Make, ScanSettings};
     use std::io::Cursor;
     use tiff::decoder::{Decoder, DecodingResult};
     use tiff::tags::Tag;
