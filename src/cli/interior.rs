@@ -11,13 +11,14 @@ use clap::Args;
 use gable::imagery::Limits;
 use gable::interior::FilmCamera;
 use gable::jobs::camera_model::camera_model;
-use gable::jobs::interior::{self, InteriorError, InteriorRequest, PreparedInterior, Reading, TransformationKind};
-use gable::jobs::request::CameraModel;
+use gable::jobs::interior::{self, InteriorError, InteriorRequest, PreparedInterior};
+use gable::jobs::request::{CameraModel, ScanRequest};
 use gable::report::InteriorResult;
 use gable::report::interior::residual_plot;
 use gable::store::Store;
 
 use super::orient::camera_of_file;
+use super::scan::ScanFlags;
 use super::{Settings, print};
 
 const EXAMPLES: &str = "\
@@ -25,6 +26,9 @@ Examples:
   gable interior scan.tif --camera rc30.json --residuals residuals.svg --close-ups marks
       How the film lies in one scan, without any service, with a drawing of the residuals and a picture of each mark. On \
       a terminal the answer is a summary; elsewhere, and with --json, it is the API's JSON.
+
+  gable simulate --film --seed 9 && cd gable-scenes/seed-9 && gable interior photograph.tif --camera camera.json
+      The same of a simulated scan.
 
   gable interior scan.tif --camera rc30 --data /srv/gable --pixel-size-um 14
       With a camera of a data folder, and pixels of 14 micrometres whatever the file says of its resolution.
@@ -39,22 +43,11 @@ The camera is a JSON file as for `POST /cameras`, with principal_distance_mm and
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Interior {
     /// The scan: TIFF, JPEG or PNG.
-    scan: PathBuf,
+    #[arg(value_name = "SCAN")]
+    scan_file: PathBuf,
     /// The film camera: a JSON file as for `POST /cameras`; with --data also its id or name there.
     #[arg(long, value_name = "FILE|NAME")]
     camera: String,
-    /// Side of a pixel on the film. [default: by the TIFF's resolution; without one, the film is taken to fill the scan]
-    #[arg(long, value_name = "N")]
-    pixel_size_um: Option<f64>,
-    /// How the film may be deformed.
-    #[arg(long, value_name = "KIND", default_value = "affine", value_parser = ["similarity", "affine", "projective"])]
-    transformation: String,
-    /// Whether the scan is right-reading or wrong-reading (mirrored). [default: found out]
-    #[arg(long, value_name = "SIDE", value_parser = ["right", "wrong"])]
-    reading: Option<String>,
-    /// Quarter turns of the film, counter-clockwise as one sees the scan. [default: found out]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
-    quarter_turns: Option<u8>,
     /// Draw the residuals of the marks to this SVG file.
     #[arg(long, value_name = "FILE")]
     residuals: Option<PathBuf>,
@@ -66,6 +59,8 @@ pub(crate) struct Interior {
     json: bool,
     #[command(flatten)]
     settings: Settings,
+    #[command(flatten)]
+    scan: ScanFlags,
 }
 
 impl Interior {
@@ -85,39 +80,32 @@ impl Interior {
     fn work(&self, camera: &FilmCamera, limits: &Limits) -> anyhow::Result<()> {
         let named = |error: InteriorError| match error {
             InteriorError::Request(_) => anyhow::Error::from(error),
-            error => anyhow::Error::from(error).context(self.scan.display().to_string()),
+            error => anyhow::Error::from(error).context(self.scan_file.display().to_string()),
         };
-        let (prepared, result) = interior::oriented(&self.scan, limits, camera, &self.request()).map_err(named)?;
+        let (prepared, result) = interior::oriented(&self.scan_file, limits, camera, &self.request()).map_err(named)?;
         if let Some(file) = &self.residuals {
             let drawing = residual_plot(&result);
             std::fs::write(file, drawing).with_context(|| format!("cannot write {}", file.display()))?;
         }
         if let Some(folder) = &self.close_ups {
-            self.close_ups(folder, limits, &result).map_err(|error| error.context(self.scan.display().to_string()))?;
+            self.close_ups(folder, limits, &result)
+                .map_err(|error| error.context(self.scan_file.display().to_string()))?;
         }
         self.show(&prepared, &result)
     }
 
     fn request(&self) -> InteriorRequest {
-        InteriorRequest {
-            image: self.scan.display().to_string(),
-            camera: self.camera.clone(),
-            pixel_size_um: self.pixel_size_um,
-            transformation: match self.transformation.as_str() {
-                "similarity" => TransformationKind::Similarity,
-                "projective" => TransformationKind::Projective,
-                _ => TransformationKind::Affine,
-            },
-            reading: self.reading.as_deref().map(|side| if side == "wrong" { Reading::Wrong } else { Reading::Right }),
-            quarter_turns: self.quarter_turns,
-        }
+        let ScanRequest { pixel_size_um, transformation, reading, quarter_turns } =
+            self.scan.request().unwrap_or_default();
+        let (image, camera) = (self.scan_file.display().to_string(), self.camera.clone());
+        InteriorRequest { image, camera, pixel_size_um, transformation, reading, quarter_turns }
     }
 
     /// A file for each mark of which is known where it is.
     fn close_ups(&self, folder: &Path, limits: &Limits, result: &InteriorResult) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
         for (mark, number) in result.marks.iter().zip(1..) {
-            let Some(picture) = interior::close_up(&self.scan, limits, result, mark)? else { continue };
+            let Some(picture) = interior::close_up(&self.scan_file, limits, result, mark)? else { continue };
             let file = folder.join(file_name(&mark.name, number));
             std::fs::write(&file, picture).with_context(|| format!("cannot write {}", file.display()))?;
         }

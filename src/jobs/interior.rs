@@ -3,20 +3,16 @@
 #[cfg(test)]
 mod tests;
 
-use std::ops::RangeInclusive;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::request::{Faults, FieldFault};
-use crate::features::{Picture, PictureError};
+use super::request::{Faults, FieldFault, Reading, ScanRequest, TransformationKind};
+use crate::features::{Picture as _, PictureError};
 use crate::imagery::{self, ImageFile, ImageryError, Limits};
-use crate::interior::{FilmCamera, InteriorOrientation, Kind, Wanted, interior_orientation};
+use crate::interior::{FilmCamera, interior_orientation};
 use crate::report::interior::{self, InteriorResult, MarkReport};
-
-/// What pixels of scanned film measure.
-const PIXEL_SIZE_UM: RangeInclusive<f64> = 2.0..=200.0;
 
 /// A scan whose interior orientation is wanted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -27,10 +23,10 @@ pub struct InteriorRequest {
     /// The film camera's id or name.
     #[schema(example = "rc30-15-4")]
     pub camera: String,
-    /// Side of a pixel on the film, 2 to 200. Default: what the TIFF's resolution says; without one, the film is taken to
+    /// Side of a pixel on the film, 1 to 500. Default: what the TIFF's resolution says; without one, the film is taken to
     /// fill the scan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(example = 14.0, minimum = 2, maximum = 200)]
+    #[schema(example = 14.0, minimum = 1, maximum = 500)]
     pub pixel_size_um: Option<f64>,
     /// How the film may be deformed. Default: `affine`.
     #[serde(default)]
@@ -42,29 +38,6 @@ pub struct InteriorRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = json!(null), maximum = 3)]
     pub quarter_turns: Option<u8>,
-}
-
-/// How a film may be deformed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum TransformationKind {
-    /// Shift, turn and one scale: four parameters.
-    Similarity,
-    /// Also different scales and a shear, as films shrink: six.
-    #[default]
-    Affine,
-    /// Also a tilt: eight.
-    Projective,
-}
-
-/// Which side of a film was up when it was scanned.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Reading {
-    /// Texts can be read, and the scene is as it was.
-    Right,
-    /// Mirrored.
-    Wrong,
 }
 
 /// A request with everything filled in.
@@ -93,7 +66,7 @@ pub enum PixelSizeOrigin {
     Request,
     /// The resolution in the file.
     File,
-    /// Nobody says it: the film is taken to fill the scan.
+    /// Nobody says it, or the scan would be far too small or large for the film: that is taken to fill the scan.
     Unknown,
 }
 
@@ -113,19 +86,18 @@ pub enum InteriorError {
 }
 
 impl InteriorRequest {
+    fn scan(&self) -> ScanRequest {
+        let Self { pixel_size_um, transformation, reading, quarter_turns, .. } = *self;
+        ScanRequest { pixel_size_um, transformation, reading, quarter_turns }
+    }
+
     /// Checks everything, and fills in what the scan's file states of its pixels.
     ///
     /// # Errors
     /// All fields that make no sense.
     pub fn prepare(&self, file_pixel_size_um: Option<f64>) -> Result<PreparedInterior, Vec<FieldFault>> {
         let mut faults = Faults::default();
-        if let Some(um) = self.pixel_size_um.filter(|um| !PIXEL_SIZE_UM.contains(um)) {
-            let (least, most) = (PIXEL_SIZE_UM.start(), PIXEL_SIZE_UM.end());
-            faults.add("/pixel_size_um", format!("pixel_size_um is {um}; it must be from {least} to {most}"));
-        }
-        if let Some(turns) = self.quarter_turns.filter(|turns| *turns > 3) {
-            faults.add("/quarter_turns", format!("quarter_turns is {turns}; it must be from 0 to 3"));
-        }
+        self.scan().check("", &mut faults);
         if !faults.0.is_empty() {
             return Err(faults.0);
         }
@@ -140,44 +112,12 @@ impl InteriorRequest {
 }
 
 impl PreparedInterior {
-    /// The same as the method takes it.
-    #[must_use]
-    pub fn wanted(&self) -> Wanted {
-        Wanted {
-            pixel_mm: self.pixel_size_um.map(|um| um / 1e3),
-            kind: match self.transformation {
-                TransformationKind::Similarity => Kind::Similarity,
-                TransformationKind::Affine => Kind::Affine,
-                TransformationKind::Projective => Kind::Projective,
-            },
-            mirrored: self.reading.map(|reading| reading == Reading::Wrong),
-            quarter_turns: self.quarter_turns,
+    /// Says so where the pixels that were stated could not be those of the film, and others were assumed.
+    fn note_assumed(&mut self, assumed_um: f64) {
+        if self.pixel_size_um.is_some_and(|um| (um / assumed_um - 1.0).abs() > 1e-6) {
+            self.pixel_size_from = PixelSizeOrigin::Unknown;
         }
     }
-}
-
-/// Finds the interior orientation of a scan. The resolution of a file may be what some program has made up: where no
-/// marks are found with it, it is not believed, and `prepared` says so afterwards.
-///
-/// # Errors
-/// [`PictureError`] if the scan cannot be read.
-pub fn found(
-    picture: &dyn Picture,
-    camera: &FilmCamera,
-    prepared: &mut PreparedInterior,
-) -> Result<InteriorOrientation, PictureError> {
-    let found = interior_orientation(picture, &camera.plate, &prepared.wanted())?;
-    if prepared.pixel_size_from != PixelSizeOrigin::File || found.transformation.is_some() {
-        return Ok(found);
-    }
-    let doubting =
-        PreparedInterior { pixel_size_um: None, pixel_size_from: PixelSizeOrigin::Unknown, ..prepared.clone() };
-    let again = interior_orientation(picture, &camera.plate, &doubting.wanted())?;
-    if again.transformation.is_none() {
-        return Ok(found);
-    }
-    *prepared = doubting;
-    Ok(again)
 }
 
 /// The interior orientation of a file, with the request as it was understood.
@@ -193,8 +133,11 @@ pub fn oriented(
     let probe = imagery::probe(path, limits)?;
     let mut prepared = request.prepare(probe.pixel_size_um).map_err(InteriorError::Request)?;
     let picture = ImageFile::open(path, limits)?;
-    let found = found(&picture, camera, &mut prepared)?;
-    Ok((prepared, InteriorResult::of(&found, &camera.plate, picture.size_px())))
+    let wanted = request.scan().wanted(probe.pixel_size_um);
+    let found = interior_orientation(&picture, &camera.plate, &wanted)?;
+    let result = InteriorResult::of(&found, &camera.plate, picture.size_px());
+    prepared.note_assumed(result.pixel_size_um);
+    Ok((prepared, result))
 }
 
 /// A mark in the scan's file, as [`interior::close_up`] draws it.

@@ -55,7 +55,7 @@ pub enum Reading {
 
 impl ScanRequest {
     /// Notes what makes no sense; `pointer` is that of the object.
-    pub(super) fn check(&self, pointer: &str, faults: &mut Faults) {
+    pub(in crate::jobs) fn check(&self, pointer: &str, faults: &mut Faults) {
         if let Some(pixel_um) = self.pixel_size_um {
             faults.check(&format!("{pointer}/pixel_size_um"), within(pixel_um, PIXEL_UM[0], PIXEL_UM[1], "µm"));
         }
