@@ -27,6 +27,9 @@ Examples:
       How the film lies in one scan, without any service, with a drawing of the residuals and a picture of each mark. On \
       a terminal the answer is a summary; elsewhere, and with --json, it is the API's JSON.
 
+  gable simulate --film --seed 9 && cd gable-scenes/seed-9 && gable interior photograph.tif --camera camera.json
+      The same of a simulated scan.
+
   gable interior scan.tif --camera rc30 --data /srv/gable --pixel-size-um 14
       With a camera of a data folder, and pixels of 14 micrometres whatever the file says of its resolution.
 
@@ -40,7 +43,8 @@ The camera is a JSON file as for `POST /cameras`, with principal_distance_mm and
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Interior {
     /// The scan: TIFF, JPEG or PNG.
-    scan: PathBuf,
+    #[arg(value_name = "SCAN")]
+    scan_file: PathBuf,
     /// The film camera: a JSON file as for `POST /cameras`; with --data also its id or name there.
     #[arg(long, value_name = "FILE|NAME")]
     camera: String,
@@ -56,7 +60,7 @@ pub(crate) struct Interior {
     #[command(flatten)]
     settings: Settings,
     #[command(flatten)]
-    known: ScanFlags,
+    scan: ScanFlags,
 }
 
 impl Interior {
@@ -76,37 +80,32 @@ impl Interior {
     fn work(&self, camera: &FilmCamera, limits: &Limits) -> anyhow::Result<()> {
         let named = |error: InteriorError| match error {
             InteriorError::Request(_) => anyhow::Error::from(error),
-            error => anyhow::Error::from(error).context(self.scan.display().to_string()),
+            error => anyhow::Error::from(error).context(self.scan_file.display().to_string()),
         };
-        let (prepared, result) = interior::oriented(&self.scan, limits, camera, &self.request()).map_err(named)?;
+        let (prepared, result) = interior::oriented(&self.scan_file, limits, camera, &self.request()).map_err(named)?;
         if let Some(file) = &self.residuals {
             let drawing = residual_plot(&result);
             std::fs::write(file, drawing).with_context(|| format!("cannot write {}", file.display()))?;
         }
         if let Some(folder) = &self.close_ups {
-            self.close_ups(folder, limits, &result).map_err(|error| error.context(self.scan.display().to_string()))?;
+            self.close_ups(folder, limits, &result)
+                .map_err(|error| error.context(self.scan_file.display().to_string()))?;
         }
         self.show(&prepared, &result)
     }
 
     fn request(&self) -> InteriorRequest {
         let ScanRequest { pixel_size_um, transformation, reading, quarter_turns } =
-            self.known.request().unwrap_or_default();
-        InteriorRequest {
-            image: self.scan.display().to_string(),
-            camera: self.camera.clone(),
-            pixel_size_um,
-            transformation,
-            reading,
-            quarter_turns,
-        }
+            self.scan.request().unwrap_or_default();
+        let (image, camera) = (self.scan_file.display().to_string(), self.camera.clone());
+        InteriorRequest { image, camera, pixel_size_um, transformation, reading, quarter_turns }
     }
 
     /// A file for each mark of which is known where it is.
     fn close_ups(&self, folder: &Path, limits: &Limits, result: &InteriorResult) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
         for (mark, number) in result.marks.iter().zip(1..) {
-            let Some(picture) = interior::close_up(&self.scan, limits, result, mark)? else { continue };
+            let Some(picture) = interior::close_up(&self.scan_file, limits, result, mark)? else { continue };
             let file = folder.join(file_name(&mark.name, number));
             std::fs::write(&file, picture).with_context(|| format!("cannot write {}", file.display()))?;
         }

@@ -128,7 +128,7 @@ impl Correlator {
         Peak::of(&rho)
     }
 
-    /// How much larger the variance of the position is because what the template leaves is no white noise: grain,
+    /// By how much the variance of the position differs because what the template leaves is no white noise: grain,
     /// scanners and image content beside a mark are alike over many cells. Each cell pulls at the position by its
     /// residual times the template's gradient; what these pulls add up to is compared block by block with what they
     /// would add up to if they were independent. (Lines that are wider than drawn pull at both of their edges, which is
@@ -150,7 +150,7 @@ impl Correlator {
         }
         let together: f64 = pulls.iter().flatten().map(|pull| pull.norm_squared()).sum();
         let inflation = together / independent;
-        if inflation.is_finite() { inflation.clamp(1.0, LARGEST_INFLATION) } else { 1.0 }
+        if inflation.is_finite() { inflation.clamp(LEAST_INFLATION, LARGEST_INFLATION) } else { 1.0 }
     }
 
     /// What the template leaves of the window, where it counts.
@@ -175,6 +175,9 @@ impl Correlator {
 
 /// Blocks along a side of a template.
 const BLOCKS: usize = 8;
+/// A template that differs from the marks in what pulls nowhere, as in the width of lines, leaves more than the noise: but
+/// no noise is less than this.
+const LEAST_INFLATION: f64 = 0.05;
 /// What is alike over more cells is no noise but another picture.
 const LARGEST_INFLATION: f64 = 100.0;
 

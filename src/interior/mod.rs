@@ -29,7 +29,7 @@ pub use decide::{Basis, Decision, LayingCandidate};
 pub use laying::Laying;
 pub use mark::{Cut, Library, Mark};
 pub use plate::{AsymmetricFeature, Fiducial, FilmCamera, Plate, Side};
-pub use run::interior_orientation;
+pub use run::{SIGMA_FILM_MM, interior_orientation};
 pub use sensitivity::Sensitivity;
 pub use transformation::{Kind, Observation, Transformation};
 

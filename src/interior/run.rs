@@ -17,7 +17,7 @@ use crate::diagnosis::Verdict;
 use crate::features::{Picture, PictureError};
 
 /// What the film does to a mark beside the transformation, each coordinate.
-const SIGMA_FILM_MM: f64 = 0.002;
+pub const SIGMA_FILM_MM: f64 = 0.002;
 /// How far a mark may be from a similarity through the others: films shrink by some hundredths of a per cent.
 const TOLERANCE_MM: f64 = 0.12;
 /// A mark that was not where it was first thought is looked for within this of where the others have it.

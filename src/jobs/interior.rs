@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::request::{Faults, FieldFault, Reading, ScanRequest, TransformationKind};
-use crate::features::{Picture, PictureError};
+use crate::features::{Picture as _, PictureError};
 use crate::imagery::{self, ImageFile, ImageryError, Limits};
-use crate::interior::{FilmCamera, InteriorOrientation, Wanted, interior_orientation};
+use crate::interior::{FilmCamera, interior_orientation};
 use crate::report::interior::{self, InteriorResult, MarkReport};
 
 /// A scan whose interior orientation is wanted.
@@ -23,10 +23,10 @@ pub struct InteriorRequest {
     /// The film camera's id or name.
     #[schema(example = "rc30-15-4")]
     pub camera: String,
-    /// Side of a pixel on the film, 2 to 200. Default: what the TIFF's resolution says; without one, the film is taken to
+    /// Side of a pixel on the film, 1 to 500. Default: what the TIFF's resolution says; without one, the film is taken to
     /// fill the scan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(example = 14.0, minimum = 2, maximum = 200)]
+    #[schema(example = 14.0, minimum = 1, maximum = 500)]
     pub pixel_size_um: Option<f64>,
     /// How the film may be deformed. Default: `affine`.
     #[serde(default)]
@@ -66,7 +66,7 @@ pub enum PixelSizeOrigin {
     Request,
     /// The resolution in the file.
     File,
-    /// Nobody says it: the film is taken to fill the scan.
+    /// Nobody says it, or the scan would be far too small or large for the film: that is taken to fill the scan.
     Unknown,
 }
 
@@ -87,13 +87,8 @@ pub enum InteriorError {
 
 impl InteriorRequest {
     fn scan(&self) -> ScanRequest {
-        let Self { pixel_size_um, transformation, reading, quarter_turns, .. } = self;
-        ScanRequest {
-            pixel_size_um: *pixel_size_um,
-            transformation: *transformation,
-            reading: *reading,
-            quarter_turns: *quarter_turns,
-        }
+        let Self { pixel_size_um, transformation, reading, quarter_turns, .. } = *self;
+        ScanRequest { pixel_size_um, transformation, reading, quarter_turns }
     }
 
     /// Checks everything, and fills in what the scan's file states of its pixels.
@@ -117,36 +112,12 @@ impl InteriorRequest {
 }
 
 impl PreparedInterior {
-    /// The same as the method takes it.
-    #[must_use]
-    pub fn wanted(&self) -> Wanted {
-        let Self { pixel_size_um, transformation, reading, quarter_turns, .. } = *self;
-        ScanRequest { pixel_size_um, transformation, reading, quarter_turns }.wanted(None)
+    /// Says so where the pixels that were stated could not be those of the film, and others were assumed.
+    fn note_assumed(&mut self, assumed_um: f64) {
+        if self.pixel_size_um.is_some_and(|um| (um / assumed_um - 1.0).abs() > 1e-6) {
+            self.pixel_size_from = PixelSizeOrigin::Unknown;
+        }
     }
-}
-
-/// Finds the interior orientation of a scan. The resolution of a file may be what some program has made up: where no
-/// marks are found with it, it is not believed, and `prepared` says so afterwards.
-///
-/// # Errors
-/// [`PictureError`] if the scan cannot be read.
-pub fn found(
-    picture: &dyn Picture,
-    camera: &FilmCamera,
-    prepared: &mut PreparedInterior,
-) -> Result<InteriorOrientation, PictureError> {
-    let found = interior_orientation(picture, &camera.plate, &prepared.wanted())?;
-    if prepared.pixel_size_from != PixelSizeOrigin::File || found.transformation.is_some() {
-        return Ok(found);
-    }
-    let doubting =
-        PreparedInterior { pixel_size_um: None, pixel_size_from: PixelSizeOrigin::Unknown, ..prepared.clone() };
-    let again = interior_orientation(picture, &camera.plate, &doubting.wanted())?;
-    if again.transformation.is_none() {
-        return Ok(found);
-    }
-    *prepared = doubting;
-    Ok(again)
 }
 
 /// The interior orientation of a file, with the request as it was understood.
@@ -162,8 +133,11 @@ pub fn oriented(
     let probe = imagery::probe(path, limits)?;
     let mut prepared = request.prepare(probe.pixel_size_um).map_err(InteriorError::Request)?;
     let picture = ImageFile::open(path, limits)?;
-    let found = found(&picture, camera, &mut prepared)?;
-    Ok((prepared, InteriorResult::of(&found, &camera.plate, picture.size_px())))
+    let wanted = request.scan().wanted(probe.pixel_size_um);
+    let found = interior_orientation(&picture, &camera.plate, &wanted)?;
+    let result = InteriorResult::of(&found, &camera.plate, picture.size_px());
+    prepared.note_assumed(result.pixel_size_um);
+    Ok((prepared, result))
 }
 
 /// A mark in the scan's file, as [`interior::close_up`] draws it.

@@ -19,7 +19,8 @@ use nalgebra::{Matrix2, Matrix3, Vector2};
 use super::verdict_name;
 use crate::interior::judge::promised_px;
 use crate::interior::{
-    Decision, InteriorOrientation, LayingCandidate, MarkResult, PairSensitivity, Plate, Sensitivity, Transformation,
+    Decision, InteriorOrientation, LayingCandidate, MarkResult, PairSensitivity, Plate, SIGMA_FILM_MM, Sensitivity,
+    Transformation,
 };
 
 /// The elements of the matrix in the order of its covariance.
@@ -44,7 +45,11 @@ impl InteriorResult {
                 .map(|_| (if found.negative { "negative" } else { "positive" }).to_owned()),
             plate_orientation: found.decision.as_ref().map(orientation_report),
             transformation: transformation.and_then(|t| transformation_report(t, &found.marks)),
-            marks: found.marks.iter().map(|m| mark_report(m, linear(m.plate_mm).as_ref(), unit_px)).collect(),
+            marks: found
+                .marks
+                .iter()
+                .map(|mark| mark_report(mark, linear(mark.plate_mm).as_ref(), expected_mm2(plate, mark), unit_px))
+                .collect(),
             pairs: found
                 .pairs
                 .iter()
@@ -146,9 +151,22 @@ fn plate_from_pixel_at(transformation: &Transformation, plate_mm: Vector2<f64>) 
     Matrix2::from_columns(&[axis(Vector2::x()), axis(Vector2::y())]).try_inverse()
 }
 
-fn mark_report(mark: &MarkResult, plate_from_pixel: Option<&Matrix2<f64>>, unit_px: Option<f64>) -> MarkReport {
+/// Variance of a coordinate of a mark's place on the film before it is measured: of its calibration, and of what the film
+/// does beside the transformation.
+fn expected_mm2(plate: &Plate, mark: &MarkResult) -> f64 {
+    let fiducial = plate.fiducials.iter().find(|fiducial| fiducial.name == mark.name);
+    fiducial.map_or(0.0, |fiducial| fiducial.sigma_mm.powi(2)) + SIGMA_FILM_MM.powi(2)
+}
+
+fn mark_report(
+    mark: &MarkResult,
+    plate_from_pixel: Option<&Matrix2<f64>>,
+    expected_mm2: f64,
+    unit_px: Option<f64>,
+) -> MarkReport {
     let covariance_um2 = mark.covariance_px2.zip(plate_from_pixel).and_then(|(covariance_px2, linear)| {
-        let covariance = linear * covariance_px2 * linear.transpose() * 1e6;
+        let measured_mm2 = linear * covariance_px2 * linear.transpose();
+        let covariance = (measured_mm2 + Matrix2::identity() * expected_mm2) * 1e6;
         rows(|row, column| covariance[(row, column)])
     });
     let away_px = mark.located_px.zip(mark.predicted_px).map(|(located, predicted)| (located - predicted).norm());

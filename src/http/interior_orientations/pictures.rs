@@ -17,7 +17,7 @@ use crate::store::interior_orientations::InteriorOrientation;
 /// Draw the residuals of an interior orientation
 ///
 /// The plate seen as the scene is seen, with the image's format and the marks: their residuals, magnified, with a scale in
-/// micrometres, and the 95 % ellipses of where they were found. Marks that were not used are vermilion, hollow where
+/// micrometres, and the 95 % ellipses of the accuracy that they count with. Marks that were not used are vermilion, hollow where
 /// they were not found.
 #[utoipa::path(
     get, path = "/interior-orientations/{id}/residuals.svg", operation_id = "show_residuals",

@@ -174,3 +174,24 @@ fn formats_and_sizes(#[case] name: &str, #[case] format: Format, #[case] bits: u
         Probe { format, width_px: WIDTH, height_px: HEIGHT, bits, position: None, heading: None, pixel_size_um: None };
     assert_eq!(found, expected);
 }
+
+#[rstest]
+#[case::micrometres_by_centimetres([(1_000_000, 1_400); 2], Some(3), Some(14.0))]
+#[case::inches([(1_270, 1); 2], Some(2), Some(20.0))]
+#[case::inches_where_nothing_is_said([(1_270, 1); 2], None, Some(20.0))]
+#[case::of_a_screen([(72, 1); 2], Some(2), None)]
+#[case::oblong([(1_270, 1), (1_280, 1)], Some(2), None)]
+#[case::without_unit([(1_270, 1); 2], Some(1), None)]
+#[case::without_sense([(1_270, 0); 2], Some(2), None)]
+fn resolutions_of_scans(
+    #[case] resolutions: [(u32, u32); 2],
+    #[case] unit: Option<u16>,
+    #[case] pixel_size_um: Option<f64>,
+) {
+    let [across, down] = resolutions;
+    let mut more = vec![(282, Field::Rationals(vec![across])), (283, Field::Rationals(vec![down]))];
+    more.extend(unit.map(|unit| (296, Field::Shorts(vec![unit]))));
+    let tiff = write(&Variant { more, ..Variant::default() }, [WIDTH, HEIGHT], |_, _, _| 0);
+    let found = probed(&tiff).pixel_size_um;
+    assert_eq!(found.map(|um| (1e6 * um).round() / 1e6), pixel_size_um);
+}

@@ -138,7 +138,7 @@ pub(super) struct Variant {
     pub(super) photometric: u16,
     pub(super) samples: u16,
     pub(super) planar: bool,
-    /// Entries beyond the usual ones, with tags above 339.
+    /// Entries beyond the usual ones.
     pub(super) more: Vec<(u16, Field)>,
 }
 
@@ -196,8 +196,8 @@ pub(super) fn write(variant: &Variant, [width, height]: [u32; 2], sample: impl F
     if variant.samples > colours {
         entries.push((338, Field::Shorts(vec![2; (variant.samples - colours).into()])));
     }
-    entries.sort_by_key(|&(tag, _)| tag);
     entries.extend(variant.more.iter().cloned());
+    entries.sort_by_key(|&(tag, _)| tag);
     let first = tiff.directory(&entries);
     tiff.finish(first)
 }

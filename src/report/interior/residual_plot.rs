@@ -22,7 +22,8 @@ const UNUSED: &str = "#d55e00";
 const ELLIPSE: &str = "#009e73";
 
 /// An SVG drawing of the plate with the image's format, seen as the scene is seen: a point at each mark, from it its
-/// residual (found less predicted) magnified, and about it the 95 % ellipse of where it was found, in the same scale.
+/// residual (found less predicted) magnified, and about it the 95 % ellipse of the accuracy that it counts with, in the
+/// same scale.
 /// Marks that were not used are vermilion, hollow where they were not found.
 #[must_use]
 pub fn residual_plot(result: &InteriorResult) -> String {
@@ -258,7 +259,7 @@ fn legend(svg: &mut String, scale: &Scale, result: &InteriorResult) {
          stroke=\"{ELLIPSE}\"/>",
         y + 164.0
     );
-    text(svg, 164.0, "95 % of its measuring");
+    text(svg, 164.0, "95 % by its accuracy");
     notes(svg, y + 204.0, result);
 }
 

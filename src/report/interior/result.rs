@@ -139,7 +139,8 @@ pub struct MarkReport {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<f64>>)]
     pub sigma_px: Option<[f64; 2]>,
-    /// Covariance of that on the film along the plate's axes.
+    /// Covariance that it counts with, on the film along the plate's axes: of its measuring, of its calibrated position,
+    /// and of what film does beside such a transformation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<Vec<f64>>>)]
     pub covariance_um2: Option<[[f64; 2]; 2]>,

@@ -110,7 +110,7 @@ fn both_matrices_lead_to_the_same_places_and_the_truth() {
 
 #[test]
 fn sensitivities_are_told_in_pixels_as_the_precision_is() {
-    let (_, result) = &*GREEN;
+    let (scan, result) = &*GREEN;
     let largest = |value: fn(&MarkSensitivity) -> Option<f64>| {
         result.marks.iter().filter_map(|mark| value(mark.sensitivity.as_ref()?)).fold(0.0, f64::max)
     };
@@ -118,10 +118,12 @@ fn sensitivities_are_told_in_pixels_as_the_precision_is() {
     assert!((change - result.precision.largest_change_px.unwrap()).abs() < 1e-9);
     assert!((undetected - result.precision.largest_undetected_px.unwrap()).abs() < 1e-9);
     for mark in &result.marks {
-        // turned by a quarter, so that the scan's axes are the plate's
+        // turned by a quarter, so that the scan's axes are the plate's; the film has 2 micrometres for itself
         let [[xx, _], [_, yy]] = mark.covariance_um2.unwrap();
-        let sigma_um = mark.sigma_px.unwrap().map(|px| 25.0 * px);
-        assert!((xx.sqrt() / sigma_um[1] - 1.0).abs() < 0.05 && (yy.sqrt() / sigma_um[0] - 1.0).abs() < 0.05);
+        let calibrated_um = 1e3 * scan.plate().fiducials.iter().find(|f| f.name == mark.name).unwrap().sigma_mm;
+        let expected = |px: f64| (25.0 * px).powi(2) + calibrated_um.powi(2) + 4.0;
+        let [across, down] = mark.sigma_px.unwrap().map(expected);
+        assert!((xx / down - 1.0).abs() < 0.02 && (yy / across - 1.0).abs() < 0.02, "{xx} {yy} {across} {down}");
         let [x, y] = mark.residual_um.unwrap();
         assert!((x.hypot(y) / 25.0 / mark.residual_px.unwrap() - 1.0).abs() < 0.01);
     }

@@ -13,7 +13,7 @@ use super::settings::{Laying, ScanSettings};
 use super::tiff::{TiffSettings, write_tiff};
 use crate::features::{GreyWindow, Picture, PixelRect};
 use crate::geometry::{Camera, Film, PixelFromPlate, Smac};
-use crate::interior::{FilmCamera, Mark, Side};
+use crate::interior::{self, FilmCamera, Mark, Side};
 use crate::simulation::scene::{Scene, SceneSettings, SimulationError};
 
 /// The scan's name in a scene's folder.
@@ -155,11 +155,12 @@ fn scan_body(scan: &SimulatedScan) -> Value {
     let laid = scan.truth();
     let marks =
         laid.marks.iter().map(|mark| json!({ "name": mark.name, "px": [mark.position_px.x, mark.position_px.y] }));
+    let lies = interior::Laying::nearest(&laid.pixel_from_plate.fixed_view::<2, 2>(0, 0).into_owned());
     let rows = [0, 1].map(|row| [0, 1, 2].map(|column| laid.pixel_from_plate[(row, column)]));
     json!({
         "pixel_from_plate": rows,
-        "quarter_turns": laid.turns,
-        "reading": if laid.mirrored { "wrong" } else { "right" },
+        "quarter_turns": lies.quarter_turns,
+        "reading": if lies.mirrored { "wrong" } else { "right" },
         "polarity": if laid.negative { "negative" } else { "positive" },
         "marks": marks.collect::<Vec<_>>(),
     })
