@@ -27,7 +27,7 @@ Examples:
       How the film lies in one scan, without any service, with a drawing of the residuals and a picture of each mark. On \
       a terminal the answer is a summary; elsewhere, and with --json, it is the API's JSON.
 
-  gable simulate --film --seed 9 && cd gable-scenes/seed-9 && gable interior photograph.tif --camera camera.json
+  gable simulate --film --seed 9 && cd scenes/seed-9 && gable interior photograph.tif --camera camera.json
       The same of a simulated scan.
 
   gable interior scan.tif --camera rc30 --data /srv/gable --pixel-size-um 14

@@ -160,14 +160,6 @@ fn the_drawing_has_all_marks_whatever_became_of_them() {
     }
     let svg = residual_plot(&odd);
     assert!(svg.contains("&lt;&amp;&quot;&gt;") && svg.contains("stroke-dasharray"), "{svg}");
-    if let Some(folder) = std::env::var_os("GABLE_LOOK") {
-        let folder = std::path::Path::new(&folder);
-        std::fs::write(folder.join("green.svg"), residual_plot(&GREEN.1)).unwrap();
-        std::fs::write(folder.join("odd.svg"), svg).unwrap();
-        std::fs::write(folder.join("red.svg"), residual_plot(&RED)).unwrap();
-        let png = close_up(&GREEN.0, &GREEN.1, &GREEN.1.marks[0]).unwrap().unwrap();
-        std::fs::write(folder.join("mark.png"), png).unwrap();
-    }
 }
 
 #[test]
