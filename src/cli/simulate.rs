@@ -163,9 +163,11 @@ impl Simulate {
             let folder = self.folder(seed);
             // nothing is made before the settings have proved to make sense
             let drawn = match self.mixture.and_then(MixtureName::of_images) {
-                Some(mixture) => Drawn::Digital(mixture.scene(seed)?),
-                None if self.film => Drawn::Film(FilmScene::draw(seed, &given, &FilmScene::default_scan(seed))?),
-                None => Drawn::Digital(Scene::draw(seed, &given)?),
+                Some(mixture) => Drawn::Digital(Box::new(mixture.scene(seed)?)),
+                None if self.film => {
+                    Drawn::Film(Box::new(FilmScene::draw(seed, &given, &FilmScene::default_scan(seed))?))
+                }
+                None => Drawn::Digital(Box::new(Scene::draw(seed, &given)?)),
             };
             std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
             let (scene, photograph) = drawn.written(&folder)?;
@@ -188,15 +190,15 @@ impl Simulate {
 
 /// A scene with its camera.
 enum Drawn {
-    Digital(Scene),
-    Film(FilmScene),
+    Digital(Box<Scene>),
+    Film(Box<FilmScene>),
 }
 
 impl Drawn {
     /// Writes it; the scene, and the name of its photograph.
     fn written(self, folder: &Path) -> anyhow::Result<(Scene, &'static str)> {
         match self {
-            Self::Digital(scene) => scene.write(folder).map(|()| (scene, PHOTOGRAPH_FILE)),
+            Self::Digital(scene) => scene.write(folder).map(|()| (*scene, PHOTOGRAPH_FILE)),
             Self::Film(film) => film.write(folder).map(|()| (film.scene, SCAN_FILE)),
         }
         .map_err(anyhow::Error::from)

@@ -34,7 +34,7 @@ fn all_that_makes_no_sense_is_told() {
     let faults = faults.prepare(None).unwrap_err();
     let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
     assert_eq!(pointers, ["/pixel_size_um", "/quarter_turns"]);
-    assert!(InteriorError::Request(faults).to_string().contains("from 1 to 500"));
+    assert!(InteriorError::Request(faults).to_string().contains("from 2 to 200"));
     for unknown in [r#"{"image": "i", "camera": "c", "turns": 1}"#, r#"{"image": "i", "camera": "c", "reading": "up"}"#]
     {
         assert!(request(unknown).is_err());
