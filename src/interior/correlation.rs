@@ -173,8 +173,8 @@ impl Correlator {
     }
 }
 
-/// Blocks along a side of a template.
-const BLOCKS: usize = 8;
+/// Blocks along a side of a template: an odd number, so that a line through its centre has both of its edges in one block.
+const BLOCKS: usize = 7;
 /// A template that differs from the marks in what pulls nowhere, as in the width of lines, leaves more than the noise: but
 /// no noise is less than this.
 const LEAST_INFLATION: f64 = 0.05;
