@@ -10,7 +10,7 @@ use super::measure::{BLURS_PX, Measured, Measurement};
 use super::plate::Plate;
 use super::search::{Expectation, Finding, FirstLook, Search};
 use super::sensitivity::{pairs, sensitivity};
-use super::symmetry::{groups, permutation};
+use super::symmetry::{Group, groups, permutation};
 use super::transformation::{Kind, Observation, Transformation};
 use super::{InteriorOrientation, MarkResult, PairSensitivity, Wanted};
 use crate::diagnosis::Verdict;
@@ -59,28 +59,35 @@ pub fn interior_orientation(
         let scale = if stated.is_some() { scale } else { SCALE_UNKNOWN };
         Expectation { pixel_mm, scale, offset_mm, rotation_rad }
     };
+    let groups = groups(plate);
     let mut search = Search::new(picture, plate, expectation(NEAR));
-    let mut found = best_finding(&mut search, wanted, &TURNS_RAD[..1])?;
+    let mut found = best_finding(&mut search, &groups, wanted, &TURNS_RAD[..1])?;
     let enough = (plate.fiducials.len() / 2 + 1).max(3);
     if found.as_ref().is_none_or(|found| found.count() < enough) {
         search = Search::new(picture, plate, expectation(FAR));
-        let wider = best_finding(&mut search, wanted, &TURNS_RAD)?;
+        let wider = best_finding(&mut search, &groups, wanted, &TURNS_RAD)?;
         let count = |finding: &Option<Finding>| finding.as_ref().map_or(0, Finding::count);
         if count(&wider) > count(&found) {
             found = wider;
         }
     }
     let Some(found) = found else { return Ok(nothing(plate, pixel_mm)) };
-    oriented(&search, &found, wanted)
+    let group = groups.iter().find(|group| group.iter().any(|(laying, _)| *laying == found.laying));
+    oriented(&search, group.unwrap_or(&groups[0]), &found, wanted)
 }
 
 /// The group of layings whose marks fit best.
-fn best_finding(search: &mut Search, wanted: &Wanted, turns: &[f64]) -> Result<Option<Finding>, PictureError> {
+fn best_finding(
+    search: &mut Search,
+    groups: &[Group],
+    wanted: &Wanted,
+    turns: &[f64],
+) -> Result<Option<Finding>, PictureError> {
     let mut best: Option<FirstLook> = None;
-    for group in groups(search.plate) {
-        let Some(laying) = group.into_iter().find(|laying| is_possible(*laying, wanted)) else { continue };
+    for group in groups {
+        let Some((laying, _)) = group.iter().find(|(laying, _)| is_possible(*laying, wanted)) else { continue };
         for turn in turns {
-            let look = search.look(laying, *turn)?;
+            let look = search.look(*laying, *turn)?;
             if look.is_some_and(|look| best.is_none_or(|best| look.score > best.score)) {
                 best = look;
             }
@@ -129,12 +136,17 @@ impl MarkResult {
 }
 
 /// Measures the marks, decides about the laying, adjusts and judges.
-fn oriented(search: &Search, found: &Finding, wanted: &Wanted) -> Result<InteriorOrientation, PictureError> {
-    let plate = search.plate;
+fn oriented(
+    search: &Search,
+    group: &Group,
+    found: &Finding,
+    wanted: &Wanted,
+) -> Result<InteriorOrientation, PictureError> {
+    let (plate, pixel_mm) = (search.plate, search.expectation.pixel_mm);
     let measured = measured(search, found)?;
-    let (hypotheses, others_exist) = hypotheses(search, found, &measured, wanted);
+    let (hypotheses, others_exist) = hypotheses(search, group, found, &measured, wanted);
     let Some(best) = hypotheses.iter().min_by(|a, b| a.squares.total_cmp(&b.squares)) else {
-        return Ok(nothing(plate, search.expectation.pixel_mm));
+        return Ok(nothing(plate, pixel_mm));
     };
     let used = measured.iter().flatten().count();
     let redundancy = (2 * used).saturating_sub(wanted.kind.parameters()).max(1);
@@ -144,25 +156,42 @@ fn oriented(search: &Search, found: &Finding, wanted: &Wanted) -> Result<Interio
     }
     let laying = decision.candidates[0].laying;
     // the place of each mark under the laying that was decided upon
-    let order = permutation(plate, laying, found.laying).unwrap_or_else(|| (0..measured.len()).collect());
+    let order = permutation(group, laying, found.laying).unwrap_or_else(|| (0..measured.len()).collect());
     let measured: Vec<Option<Measured>> = order.iter().map(|index| measured[*index]).collect();
-    Ok(adjusted(search, decision, found.negative, &measured, wanted.kind))
+    Ok(adjusted(plate, pixel_mm, decision, found.negative, &measured, wanted.kind))
+}
+
+impl InteriorOrientation {
+    /// The same marks under another of the layings that its decision has left open, without a look at the scan; `None` if
+    /// the marks do not look alike under both.
+    pub(crate) fn under(&self, plate: &Plate, laying: Laying, kind: Kind) -> Option<Self> {
+        let (present, decision) = self.laying().zip(self.decision.as_ref())?;
+        let candidate = decision.candidates.iter().find(|candidate| candidate.laying == laying)?;
+        let group = groups(plate).into_iter().find_map(|group| permutation(&group, laying, present));
+        let measured = |mark: &MarkResult| {
+            let (at_px, covariance_px2) = mark.located_px.zip(mark.covariance_px2)?;
+            Some(Measured { at_px, covariance_px2, rho: mark.correlation? })
+        };
+        let measured: Vec<Option<Measured>> = group?.iter().map(|index| measured(&self.marks[*index])).collect();
+        let decision = Decision { candidates: vec![*candidate], open: 1, basis: Basis::Stated, test: None };
+        Some(adjusted(plate, self.pixel_mm, decision, self.negative, &measured, kind))
+    }
 }
 
 /// The layings that the marks allow and nobody has excluded; and whether somebody has.
 fn hypotheses(
     search: &Search,
+    group: &Group,
     found: &Finding,
     measured: &[Option<Measured>],
     wanted: &Wanted,
 ) -> (Vec<Hypothesis>, bool) {
-    let plate = search.plate;
-    let group = groups(plate).into_iter().find(|group| group.contains(&found.laying)).unwrap_or_default();
     let mut hypotheses = Vec::new();
-    for laying in group.iter().copied().filter(|laying| is_possible(*laying, wanted)) {
-        let Some(order) = permutation(plate, laying, found.laying) else { continue };
+    for laying in group.iter().map(|(laying, _)| *laying).filter(|laying| is_possible(*laying, wanted)) {
+        let Some(order) = permutation(group, laying, found.laying) else { continue };
         let seen: Vec<Option<Measured>> = order.iter().map(|index| measured[*index]).collect();
-        let observations: Vec<Observation> = observations(search, &seen).into_iter().map(|(_, o)| o).collect();
+        let observations = observations(search.plate, search.expectation.pixel_mm, &seen);
+        let observations: Vec<Observation> = observations.into_iter().map(|(_, o)| o).collect();
         let Some(similarity) = through(search, laying, &seen) else { continue };
         let squares = Transformation::fit(wanted.kind, laying.mirrored, &observations).map_or(0.0, |fit| fit.squares);
         hypotheses.push(Hypothesis { laying, similarity, squares });
@@ -190,11 +219,11 @@ fn as_candidates(plate: &Plate, seen: &[Option<Measured>]) -> (Vec<Vector2<f64>>
 }
 
 /// The marks that were measured, with their indices.
-fn observations(search: &Search, seen: &[Option<Measured>]) -> Vec<(usize, Observation)> {
-    let px_per_mm = 1.0 / search.expectation.pixel_mm;
+fn observations(plate: &Plate, pixel_mm: f64, seen: &[Option<Measured>]) -> Vec<(usize, Observation)> {
+    let px_per_mm = 1.0 / pixel_mm;
     let one = |(index, measured): (usize, &Option<Measured>)| {
         let measured = (*measured)?;
-        let fiducial = &search.plate.fiducials[index];
+        let fiducial = &plate.fiducials[index];
         let model_px2 = (fiducial.sigma_mm.powi(2) + SIGMA_FILM_MM.powi(2)) * px_per_mm.powi(2);
         let covariance_px2 = measured.covariance_px2 + Matrix2::identity() * model_px2;
         Some((index, Observation { plate_mm: fiducial.position_mm, image_px: measured.at_px, covariance_px2 }))
@@ -265,13 +294,14 @@ fn blur<'a>(marks: impl Iterator<Item = &'a Measurement<'a>>) -> f64 {
 
 /// The transformation, how it depends on the marks, and the verdict.
 fn adjusted(
-    search: &Search,
+    plate: &Plate,
+    pixel_mm: f64,
     decision: Decision,
     negative: bool,
     measured: &[Option<Measured>],
     kind: Kind,
 ) -> InteriorOrientation {
-    let mut result = nothing(search.plate, search.expectation.pixel_mm);
+    let mut result = nothing(plate, pixel_mm);
     let mirrored = decision.candidates[0].laying.mirrored;
     result.negative = negative;
     result.decision = Some(decision);
@@ -280,13 +310,13 @@ fn adjusted(
         mark.covariance_px2 = measured.map(|m| m.covariance_px2);
         mark.correlation = measured.map(|m| m.rho);
     }
-    let observed = kept(kind, mirrored, observations(search, measured));
+    let observed = kept(kind, mirrored, observations(plate, pixel_mm, measured));
     let used: Vec<Observation> = observed.iter().map(|(_, observation)| *observation).collect();
     let Some(transformation) = Transformation::fit(kind, mirrored, &used) else {
         (result.verdict, result.reasons) = judge(&result);
         return result;
     };
-    result.largest_sigma_px = largest_sigma_px(&transformation, search.plate);
+    result.largest_sigma_px = largest_sigma_px(&transformation, plate);
     let mut largest = Some([0.0_f64; 2]);
     for (group, (mark, _)) in observed.iter().enumerate() {
         let found = sensitivity(&transformation, mirrored, &used, &[group]);

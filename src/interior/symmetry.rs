@@ -17,21 +17,33 @@ const ALIKE: f64 = 0.97;
 /// Cells that belong to one of them only, as a share.
 const MOST_DIFFERENT: f64 = 0.1;
 
-/// The layings in groups: within one the marks alone, but for the last micrometres, do not tell which it is.
-pub(super) fn groups(plate: &Plate) -> Vec<Vec<Laying>> {
-    let mut groups: Vec<Vec<Laying>> = Vec::new();
+/// Layings under which the marks look alike, so that but for the last micrometres they do not tell which it is: each with
+/// the mark that is, under the first of them, in the place of every mark.
+pub(super) type Group = Vec<(Laying, Vec<usize>)>;
+
+/// All layings in groups.
+pub(super) fn groups(plate: &Plate) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
     for laying in Laying::all() {
-        let same = groups.iter_mut().find(|group| permutation(plate, laying, group[0]).is_some());
+        let same = groups.iter_mut().find_map(|group| Some((in_place(plate, laying, group[0].0)?, group)));
         match same {
-            Some(group) => group.push(laying),
-            None => groups.push(vec![laying]),
+            Some((order, group)) => group.push((laying, order)),
+            None => groups.push(vec![(laying, (0..plate.fiducials.len()).collect())]),
         }
     }
     groups
 }
 
+/// For each mark under one laying of a group, the mark that is in its place under another one of it; `None` if one of
+/// them is not in the group.
+pub(super) fn permutation(group: &Group, laying: Laying, other: Laying) -> Option<Vec<usize>> {
+    let order = |wanted: Laying| group.iter().find(|(laying, _)| *laying == wanted).map(|(_, order)| order);
+    let (order, other) = (order(laying)?, order(other)?);
+    order.iter().map(|first| other.iter().position(|of_other| of_other == first)).collect()
+}
+
 /// For each mark under one laying, the mark that is in its place under another; `None` if the marks tell them apart.
-pub(super) fn permutation(plate: &Plate, laying: Laying, other: Laying) -> Option<Vec<usize>> {
+fn in_place(plate: &Plate, laying: Laying, other: Laying) -> Option<Vec<usize>> {
     let moved = laying.onto(other);
     let in_place_of = |mark: &Fiducial| {
         let place = moved * mark.position_mm;
@@ -114,6 +126,10 @@ mod tests {
         let straight = Laying { quarter_turns: 0, mirrored: false };
         let turned = Laying { quarter_turns: 1, mirrored: false };
         // turned counter-clockwise, the first mark (bottom left) comes to the bottom right, where the second was
-        assert_eq!(permutation(&plate, turned, straight), Some(vec![1, 2, 3, 0]));
+        assert_eq!(permutation(&groups(&plate)[0], turned, straight), Some(vec![1, 2, 3, 0]));
+        // and it is the same by way of any third one
+        for (a, b) in Laying::all().into_iter().flat_map(|a| Laying::all().map(|b| (a, b))) {
+            assert_eq!(permutation(&groups(&plate)[0], a, b), in_place(&plate, a, b));
+        }
     }
 }

@@ -65,12 +65,8 @@ pub fn orient_film(
     if open.len() < 2 {
         return one(interior);
     }
-    let mut tried = Vec::with_capacity(open.len());
-    for laying in open {
-        let known =
-            Wanted { mirrored: Some(laying.mirrored), quarter_turns: Some(laying.quarter_turns), ..task.wanted };
-        tried.push(one(interior_orientation(picture, &task.camera.plate, &known)?)?);
-    }
+    let under = |laying| interior.under(&task.camera.plate, laying, task.wanted.kind);
+    let tried: Vec<FilmOutcome> = open.into_iter().filter_map(under).map(one).collect::<Result<_, _>>()?;
     Ok(by_content(&interior, tried))
 }
 
@@ -130,7 +126,8 @@ fn hold_at_yellow(outcome: &mut Outcome, reasons: &[Reason]) {
     }
 }
 
-/// The laying under which the image shows the control; where another one does nearly as well, the doubt stays.
+/// The laying under which the image shows the control; where another one does nearly as well, the doubt stays. At least
+/// one was tried: that which the interior orientation itself is given for.
 fn by_content(open: &InteriorOrientation, mut tried: Vec<FilmOutcome>) -> FilmOutcome {
     let weight = |tried: &FilmOutcome| tried.outcome.evidence.as_ref().map_or(0.0, |evidence| evidence.log_odds);
     tried.sort_by(|a, b| weight(b).total_cmp(&weight(a)));
