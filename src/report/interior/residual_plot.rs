@@ -6,14 +6,14 @@ use super::{InteriorResult, MarkReport};
 
 /// Size of the drawing, of the square that the plate is drawn in, and the margin around that.
 const WIDTH: f64 = 960.0;
-const HEIGHT: f64 = 800.0;
-const SIDE: f64 = 660.0;
-const LEFT: f64 = 50.0;
-const TOP: f64 = 90.0;
+const HEIGHT: f64 = 770.0;
+const SIDE: f64 = 560.0;
+const LEFT: f64 = 90.0;
+const TOP: f64 = 130.0;
 /// Where the legend begins.
 const LEGEND: f64 = 752.0;
 /// The longest residual and the largest ellipse are drawn about so long.
-const LONGEST: f64 = 70.0;
+const LONGEST: f64 = 58.0;
 /// The root of the 95 % quantile of chi-square with two degrees of freedom.
 const TO_95_PERCENT: f64 = 2.447_747;
 // Okabe and Ito's palette, which the colour-blind tell apart as well
@@ -113,7 +113,7 @@ fn begin(result: &InteriorResult) -> String {
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" \
          font-size=\"14\" role=\"img\" aria-label=\"{title}\">\n<rect width=\"{WIDTH}\" height=\"{HEIGHT}\" \
-         fill=\"white\"/>\n<text x=\"{LEFT}\" y=\"34\" font-size=\"18\">{title}</text>\n"
+         fill=\"white\"/>\n<text x=\"30\" y=\"34\" font-size=\"18\">{title}</text>\n"
     );
     let used = result.marks.iter().filter(|mark| mark.used).count();
     let fit = match &result.transformation {
@@ -125,7 +125,7 @@ fn begin(result: &InteriorResult) -> String {
     };
     let _ = writeln!(
         svg,
-        "<text x=\"{LEFT}\" y=\"58\" fill=\"#444\">{}: {used} of {} marks used; {fit}</text>",
+        "<text x=\"30\" y=\"58\" fill=\"#444\">{}: {used} of {} marks used; {fit}</text>",
         escaped(&result.diagnosis.verdict),
         result.marks.len()
     );
