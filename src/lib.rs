@@ -9,6 +9,8 @@ pub mod estimation;
 
 pub mod features;
 
+pub mod scenes;
+
 pub mod orientation;
 
 pub mod learning;

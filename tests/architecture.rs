@@ -17,13 +17,17 @@ const ROOMS: &[Room] = &[
     Room("geometry", &[]),
     Room("estimation", &["geometry"]),
     Room("features", &["geometry"]),
-    Room("orientation", &["geometry", "estimation", "features"]),
+    Room("scenes", &["geometry", "estimation", "features"]),
+    Room("orientation", &["geometry", "estimation", "features", "scenes"]),
     Room("learning", &[]),
     Room("diagnosis", &["geometry", "estimation", "features", "orientation", "learning"]),
     Room("interior", &["geometry", "estimation", "features", "diagnosis"]),
-    Room("pipeline", &["geometry", "estimation", "features", "orientation", "learning", "diagnosis", "interior"]),
+    Room(
+        "pipeline",
+        &["geometry", "estimation", "features", "scenes", "orientation", "learning", "diagnosis", "interior"],
+    ),
     Room("classifiers", &["geometry", "learning", "diagnosis", "pipeline"]),
-    Room("simulation", &["geometry", "features", "interior", "orientation", "pipeline"]),
+    Room("simulation", &["geometry", "features", "scenes", "interior", "orientation", "pipeline"]),
     Room(
         "study",
         &[
@@ -40,7 +44,7 @@ const ROOMS: &[Room] = &[
         ],
     ),
     Room("imagery", &["features"]),
-    Room("control", &["geometry", "orientation", "pipeline"]),
+    Room("control", &["geometry", "scenes", "orientation", "pipeline"]),
     Room("store", &["geometry"]),
     Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
@@ -49,6 +53,7 @@ const ROOMS: &[Room] = &[
             "geometry",
             "estimation",
             "features",
+            "scenes",
             "interior",
             "orientation",
             "learning",
@@ -68,6 +73,7 @@ const ROOMS: &[Room] = &[
         &[
             "geometry",
             "features",
+            "scenes",
             "interior",
             "learning",
             "diagnosis",
@@ -86,7 +92,8 @@ const ROOMS: &[Room] = &[
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.
-const PURE: &[&str] = &["geometry", "estimation", "features", "interior", "orientation", "learning", "diagnosis"];
+const PURE: &[&str] =
+    &["geometry", "estimation", "features", "scenes", "interior", "orientation", "learning", "diagnosis"];
 
 /// What a pure room does not know: files, clocks, the process, databases, HTTP, asynchrony and forms of exchange.
 const IMPURE: &[&[&str]] = &[

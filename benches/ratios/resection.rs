@@ -216,7 +216,7 @@ pub fn bench_lines(peers: &Peers) -> Result<Vec<Row>> {
             numbers.extend([segment_px.start, segment_px.end].iter().flat_map(|end| [end.x, end.y]));
         }
         let name = control_point.to_string();
-        control.push(ControlPoint { name, sigma_m: 0.02, reference_m: point.object_m, edges_m });
+        control.push(ControlPoint { name, sigma_m: 0.02, reference_m: point.object_m, edges_m, scene: None });
         buildings.push(Building { control_point, matches, shift_px: Vector2::zeros() });
     }
     let folder = folder(&scenes)?;

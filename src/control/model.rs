@@ -35,6 +35,7 @@ impl StoredControlPoint {
                 .iter()
                 .map(|edge| Segment3 { start: local(edge.start), end: local(edge.end) })
                 .collect(),
+            scene: None,
         }
     }
 

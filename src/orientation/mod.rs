@@ -16,11 +16,15 @@ pub mod select;
 pub mod shifts;
 pub mod views;
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 
 use crate::geometry::Segment3;
+use crate::scenes::Scene;
 
-/// A control point: a building's roof edges in space with a reference point, as in Förstner and Läbe, figure 2.
+/// A control point: a building's roof edges in space with a reference point, as in Förstner and Läbe, figure 2, or the
+/// reference point of a control scene.
 /// Coordinates are in the local tangent plane in which the image is oriented.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlPoint {
@@ -30,6 +34,8 @@ pub struct ControlPoint {
     pub sigma_m: f64,
     /// The reference point.
     pub reference_m: Vector3<f64>,
-    /// The edges.
+    /// The edges; none of a control scene.
     pub edges_m: Vec<Segment3>,
+    /// The picture of a control scene; `None` for a building.
+    pub scene: Option<Arc<Scene>>,
 }

@@ -95,7 +95,7 @@ mod tests {
             Segment3 { start: corner(0.0, 0.0), end: corner(1.0, 0.0) },
             Segment3 { start: corner(0.0, 0.0), end: corner(0.0, 1.0) },
         ];
-        ControlPoint { name: name.into(), sigma_m: 0.05, reference_m: at, edges_m }
+        ControlPoint { name: name.into(), sigma_m: 0.05, reference_m: at, edges_m, scene: None }
     }
 
     #[test]

@@ -177,8 +177,13 @@ fn measure(
         edges.iter().map(|&[from, to]| Segment3 { start: corners[from], end: corners[to] }).collect();
     let (shift_m, edge_shifts_m) = err(&mut edges_m, settings, errors);
     let reference_m = edges_m.iter().map(Segment3::midpoint).sum::<Vector3<f64>>() / edges_m.len() as f64;
-    let control_point =
-        ControlPoint { name: format!("house-{index:03}"), sigma_m: settings.sigma_m, reference_m, edges_m };
+    let control_point = ControlPoint {
+        name: format!("house-{index:03}"),
+        sigma_m: settings.sigma_m,
+        reference_m,
+        edges_m,
+        scene: None,
+    };
     SimulatedControlPoint { control_point, building: index, fault, shift_m, edge_shifts_m }
 }
 

@@ -24,7 +24,7 @@ fn town() -> Vec<ControlPoint> {
         let corner = |x: f64, y: f64| at + Vector3::new(x, y, 6.0);
         let rim = [corner(0.0, 0.0), corner(12.0, 1.0), corner(11.0, 9.0), corner(-1.0, 8.0)];
         let edges_m = (0..4).map(|i| Segment3 { start: rim[i], end: rim[(i + 1) % 4] }).collect();
-        ControlPoint { name: format!("house {k}"), sigma_m: 0.05, reference_m: at, edges_m }
+        ControlPoint { name: format!("house {k}"), sigma_m: 0.05, reference_m: at, edges_m, scene: None }
     };
     (0..9).map(house).collect()
 }
