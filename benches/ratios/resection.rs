@@ -217,7 +217,7 @@ pub fn bench_lines(peers: &Peers) -> Result<Vec<Row>> {
         }
         let name = control_point.to_string();
         control.push(ControlPoint { name, sigma_m: 0.02, reference_m: point.object_m, edges_m, scene: None });
-        buildings.push(Building { control_point, matches, shift_px: Vector2::zeros() });
+        buildings.push(Building { control_point, matches, measured: None, shift_px: Vector2::zeros() });
     }
     let folder = folder(&scenes)?;
     write_array(folder.path(), "lines", numbers)?;

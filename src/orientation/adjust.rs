@@ -16,18 +16,21 @@ use super::ControlPoint;
 use super::extract::ObservedSegment;
 use super::matching::Match;
 use super::predict::Prediction;
-use super::shifts::{self, BuildingEquations, Reduced, ShiftPrior};
+use super::shifts::{self, BuildingEquations, Reduced, SHARE_OF_THE_BUILDING, ShiftPrior};
 use crate::estimation::Prior;
 use crate::estimation::robust::Weighting;
 use crate::geometry::{Camera, ExteriorOrientation};
+use crate::scenes::Measured;
 
-/// What a building takes to the adjustment.
+/// What a building, or a scene, takes to the adjustment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Building {
     /// Index of the control point.
     pub control_point: usize,
     /// Its matched pieces; `Match::edge` counts its edges.
     pub matches: Vec<Match>,
+    /// The reference of a scene, measured in the image.
+    pub measured: Option<Measured>,
     /// The shift that its edges have in common, reduced pixels: where it is less where it is predicted.
     pub shift_px: Vector2<f64>,
 }
@@ -45,7 +48,7 @@ pub struct Adjustment {
     pub redundancy: usize,
     /// The buildings with their shifts.
     pub buildings: Vec<Building>,
-    /// For each building whether each of its matches kept its weight.
+    /// For each building whether each of its matches, or the measured point of a scene, kept its weight.
     pub kept: Vec<Vec<bool>>,
     /// For each building what was added to the variance of its shift because it does not fit, px².
     pub excess: Vec<f64>,
@@ -168,9 +171,13 @@ impl Model<'_> {
     pub(super) fn shift_prior(&self, buildings: &[Building], at: &ExteriorOrientation) -> Option<ShiftPrior> {
         let control = || buildings.iter().map(|building| &self.control[building.control_point]);
         let places: Option<Vec<_>> = control().map(|point| at.reduced_px(1.0, point.reference_m)).collect();
-        let sigmas_px: Vec<f64> = control().map(|point| sigma_control_px(self.camera, point, at)).collect();
+        let stated_px2 = control().map(|point| {
+            // a scene has no edges that could have errors of their own
+            let share = if point.scene.is_some() { 1.0 } else { SHARE_OF_THE_BUILDING };
+            share * sigma_control_px(self.camera, point, at).powi(2)
+        });
         let of_camera = |a, b| self.camera.interior_covariance_px2(a, b);
-        Some(ShiftPrior::new(&places?, &sigmas_px, of_camera))
+        Some(ShiftPrior::new(&places?, &stated_px2.collect::<Vec<f64>>(), of_camera))
     }
 
     /// The normal equations of the six parameters.
@@ -213,6 +220,15 @@ impl Model<'_> {
             let share = self.observed[found.segment].length_px / length_px[found.edge];
             let variance = EdgeVariance::of_piece(sigma_control_px, share);
             linear.add(&piece, variance, weighting);
+        }
+        if let Some(measured) = &building.measured {
+            let c = self.camera.principal_distance_px;
+            match at.reduced_px_with_jacobian(c, control_point.reference_m) {
+                Some((image, jacobian)) => {
+                    linear.add_point(measured, image + building.shift_px, &jacobian, weighting);
+                }
+                None => linear.kept.push(false),
+            }
         }
         linear
     }
@@ -284,6 +300,26 @@ pub(super) struct Linear {
 }
 
 impl Linear {
+    fn add_point(
+        &mut self,
+        measured: &Measured,
+        image_px: Vector2<f64>,
+        jacobian: &Matrix2x6<f64>,
+        weighting: Weighting,
+    ) {
+        let misclosure = measured.at_px - image_px;
+        let Some(weights) = measured.covariance.try_inverse() else {
+            self.kept.push(false);
+            return;
+        };
+        let squares = misclosure.dot(&(weights * misclosure));
+        let factor = weighting.factor(squares / 2.0);
+        self.kept.push(factor > 0.1);
+        self.equations.add(jacobian, &Matrix2::identity(), &misclosure, &(weights * factor));
+        self.squares += factor * squares;
+        self.observations += if factor > 0.0 { 2 } else { 0 };
+    }
+
     fn add(&mut self, piece: &Piece, edge: EdgeVariance, weighting: Weighting) {
         let normal = RowVector2::new(-piece.along.y, piece.along.x);
         let mut jacobian = Matrix2x6::zeros();

@@ -77,7 +77,8 @@ pub fn log_odds(search: &Search, prediction: &Prediction, extraction: &mut Extra
     Ok(located.iter().map(|l| l.log_odds).sum())
 }
 
-/// The buildings that are found where they are predicted, each with the pieces of its edges.
+/// The buildings that are found where they are predicted, each with the pieces of its edges, and the scenes, each
+/// measured.
 fn collect(
     search: &Search,
     prediction: &Prediction,
@@ -88,6 +89,12 @@ fn collect(
     let mut buildings = Vec::new();
     for found in located {
         let control_point = &search.control[found.control_point];
+        let at = &prediction.orientation;
+        if let Some(measured) = search.measured(found.control_point, found.at_px, at, extraction)? {
+            let (control_point, measured) = (found.control_point, Some(measured));
+            buildings.push(Building { control_point, matches: Vec::new(), measured, shift_px: Vector2::zeros() });
+            continue;
+        }
         let c = search.camera.principal_distance_px;
         let Some(predicted) = prediction.orientation.reduced_px(c, control_point.reference_m) else { continue };
         let shift = found.at_px - predicted;
@@ -99,7 +106,12 @@ fn collect(
         let sigma_control_px = sigma_control_px(search.camera, control_point, &prediction.orientation);
         let matches = resolved(&edges, extraction.segments(), near, sigma_control_px);
         if !matches.is_empty() {
-            buildings.push(Building { control_point: found.control_point, matches, shift_px: Vector2::zeros() });
+            buildings.push(Building {
+                control_point: found.control_point,
+                matches,
+                measured: None,
+                shift_px: Vector2::zeros(),
+            });
         }
     }
     Ok(buildings)

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::places::Places;
 use crate::features::{Detection, LineSegment, Picture, PictureError, PixelRect, line_segments};
 use crate::geometry::{Camera, Segment2};
+use crate::scenes::{ImageKeys, Measured};
 
 /// A line segment of the image in reduced coordinates (pixels about the principal point, free of distortion).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,7 +36,10 @@ const TILE_CELLS: u32 = 1024;
 /// Edges of so many pixels can be found on the level with half the resolution without loss.
 const EDGE_FOR_REDUCTION_PX: f64 = 40.0;
 
-/// The segments of one image, growing with the regions that are asked for.
+/// Places so near to each other lead to the same measurement of a scene.
+const SAME_START_PX: f64 = 1.5;
+
+/// What is extracted of one image: segments and, for scenes, key points, growing with the regions that are asked for.
 pub struct Extraction<'a> {
     picture: &'a dyn Picture,
     camera: &'a Camera,
@@ -45,6 +49,10 @@ pub struct Extraction<'a> {
     segments: Vec<ObservedSegment>,
     /// Where those of the fine and of the coarse level are.
     places: [Places; 2],
+    /// Key points, for control scenes.
+    keys: ImageKeys<'a>,
+    /// Scenes that were measured, by their control points, with the places where that began.
+    measured: Vec<(usize, Vector2<f64>, Option<Measured>)>,
 }
 
 impl<'a> Extraction<'a> {
@@ -61,7 +69,51 @@ impl<'a> Extraction<'a> {
             tiles_done: HashSet::new(),
             segments: Vec::new(),
             places: [0; 2].map(|_| Places::new(camera.frame_radius_px())),
+            keys: ImageKeys::new(picture, camera, 1),
+            measured: Vec::new(),
         }
+    }
+
+    /// The same, with the key points of a picture that is reduced by so much.
+    #[must_use]
+    pub fn for_scenes(self, reduction: u32) -> Self {
+        Self { keys: ImageKeys::new(self.picture, self.camera, reduction), ..self }
+    }
+
+    /// The key points so far.
+    #[must_use]
+    pub fn keys(&self) -> &ImageKeys<'a> {
+        &self.keys
+    }
+
+    /// Finds the key points in rectangles given in pixels of the file.
+    ///
+    /// # Errors
+    /// [`PictureError`] if the picture cannot be read there.
+    pub fn cover_keys(&mut self, rectangles_px: &[[Vector2<f64>; 2]]) -> Result<(), PictureError> {
+        self.keys.cover(rectangles_px)
+    }
+
+    /// Measures a scene in the picture, at the resolution of its key points, unless that was done from about the same
+    /// place: it leads to the same one.
+    ///
+    /// # Errors
+    /// [`PictureError`] if the picture cannot be read there.
+    pub fn measured(
+        &mut self,
+        control_point: usize,
+        start_px: Vector2<f64>,
+        measure: impl FnOnce(&dyn Picture, u32) -> Result<Option<Measured>, PictureError>,
+    ) -> Result<Option<Measured>, PictureError> {
+        let same = |(k, start, _): &&(usize, Vector2<f64>, _)| {
+            *k == control_point && (start - start_px).norm() < SAME_START_PX
+        };
+        if let Some((_, _, measured)) = self.measured.iter().find(same) {
+            return Ok(*measured);
+        }
+        let measured = measure(self.picture, self.keys.reduction())?;
+        self.measured.push((control_point, start_px, measured));
+        Ok(measured)
     }
 
     /// Extracts the tiles that touch a rectangle given in pixels of the file (it may reach out of the picture).
@@ -114,7 +166,8 @@ impl<'a> Extraction<'a> {
     pub fn pixels_read(&self) -> u64 {
         let [width, height] = self.picture.size_px();
         let side = |index: u32, size: u32| u64::from(self.tile_px().min(size - index * self.tile_px()));
-        self.tiles_done.iter().map(|[column, row]| side(*column, width) * side(*row, height)).sum()
+        let of_tiles = self.tiles_done.iter().map(|[column, row]| side(*column, width) * side(*row, height));
+        of_tiles.sum::<u64>() + self.keys.pixels_read()
     }
 
     /// Pixels along a side of a tile.

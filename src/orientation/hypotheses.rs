@@ -252,9 +252,10 @@ impl Search<'_> {
             }
             let windows: Vec<Vec<Narrow>> = current.par_iter().map(|h| self.narrow(&h.prediction, round)).collect();
             self.cover(windows.iter().flatten(), extraction)?;
+            self.cover_scenes(current.iter().map(|h| &h.prediction), round.scale, extraction)?;
             let extraction = &*extraction;
             let refined = current.par_iter().zip(&windows).map(|(hypothesis, windows)| {
-                let peaks = self.located(windows, extraction, round);
+                let peaks = self.located(&hypothesis.prediction, windows, extraction, round);
                 self.regrown(hypothesis, &peaks, round.scale)
             });
             current = refined.collect::<Vec<Option<Hypothesis>>>().into_iter().flatten().collect();
@@ -287,7 +288,8 @@ impl Search<'_> {
     ) -> Result<Vec<Located>, PictureError> {
         let windows = self.narrow(prediction, round);
         self.cover(windows.iter(), extraction)?;
-        let peaks = self.located(&windows, extraction, round);
+        self.cover_scenes(std::iter::once(prediction), round.scale, extraction)?;
+        let peaks = self.located(prediction, &windows, extraction, round);
         let located = peaks.iter().enumerate().filter_map(|(control_point, of_one)| {
             let (peak, log_odds) = self.gate(control_point, prediction, round.scale)?.best(of_one)?;
             let located = Located { control_point, at_px: peak.at_px, sigma_px: round.scale.sigma_px, log_odds };
@@ -323,8 +325,14 @@ impl Search<'_> {
         extraction.cover_all(&windows.map(needed).collect::<Vec<_>>())
     }
 
-    /// The candidates of every control point in its window.
-    fn located(&self, windows: &[Narrow], extraction: &Extraction, round: Round) -> Vec<Vec<Peak>> {
+    /// The candidates of every control point: of a building in its window, of a scene where it is expected.
+    fn located(
+        &self,
+        prediction: &Prediction,
+        windows: &[Narrow],
+        extraction: &Extraction,
+        round: Round,
+    ) -> Vec<Vec<Peak>> {
         let mut candidates = vec![Vec::new(); self.control.len()];
         for window in windows {
             let clustering = Clustering {
@@ -337,6 +345,7 @@ impl Search<'_> {
             let map = shift_map(&window.edges, window.predicted, near.map(|(_, segment)| segment), &clustering);
             candidates[window.control_point] = map.peaks(PEAKS_OF_A_WINDOW);
         }
+        self.sight(prediction, round.scale, extraction, &mut candidates);
         candidates
     }
 }

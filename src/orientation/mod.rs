@@ -14,6 +14,7 @@ mod reliability;
 pub mod search;
 pub mod select;
 pub mod shifts;
+mod sight;
 pub mod views;
 
 use std::sync::Arc;

@@ -16,6 +16,7 @@ use super::gate::{Located, Scale};
 use super::locate::{Clustering, Peak, shift_map};
 use super::predict::{Approximation, Prediction, edges_px, on_frame};
 use super::select::distinctiveness;
+use super::sight::SceneLooks;
 use super::views::{Assumed, Frame, View, Window, views};
 use crate::features::PictureError;
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
@@ -28,6 +29,8 @@ pub struct Search<'a> {
     pub control: &'a [ControlPoint],
     /// What is known beforehand.
     pub approximation: &'a Approximation,
+    /// The scenes among them as the image may show them.
+    pub(super) looks: SceneLooks,
 }
 
 /// An orientation with the control points that speak for it.
@@ -95,6 +98,15 @@ pub(super) struct Candidate {
     pub(super) view: ExteriorOrientation,
 }
 
+impl<'a> Search<'a> {
+    /// A search for control points under an approximation.
+    #[must_use]
+    pub fn new(camera: &'a Camera, control: &'a [ControlPoint], approximation: &'a Approximation) -> Self {
+        let without = Self { camera, control, approximation, looks: SceneLooks::none() };
+        Self { looks: SceneLooks::of(&without), ..without }
+    }
+}
+
 impl Search<'_> {
     /// Searches all that the approximation allows. `go_on` hears how much is done (0 to 1), and ends the search, with
     /// nothing, by answering no.
@@ -108,13 +120,16 @@ impl Search<'_> {
         let mut candidates: Vec<Vec<Candidate>> = vec![Vec::new(); self.control.len()];
         let frame = Frame::of(self.camera);
         let order = self.most_telling_first(&views, &frame);
-        let batches = order.chunks(LOCATED_AT_ONCE);
+        // where there are scenes, they alone may do: SIFT needs no views
+        let scenes_alone = if self.has_scenes() { Some(&[] as &[usize]) } else { None };
+        self.sight_all(extraction, &mut candidates)?;
+        let batches: Vec<&[usize]> = scenes_alone.into_iter().chain(order.chunks(LOCATED_AT_ONCE)).collect();
         let count = batches.len() as f64;
         let mut hypotheses = Vec::new();
-        for (k, batch) in batches.enumerate() {
+        for (k, batch) in batches.into_iter().enumerate() {
             let go_on = |done: f64| go_on((k as f64 + done) / count);
             report.control_points += batch.len();
-            for (seen, some) in views.chunks(VIEWS_AT_ONCE).enumerate() {
+            for (seen, some) in views.chunks(VIEWS_AT_ONCE).enumerate().filter(|_| !batch.is_empty()) {
                 if !go_on(SHARE_OF_WINDOWS * (seen * VIEWS_AT_ONCE) as f64 / views.len() as f64) {
                     return Ok(Found { hypotheses: Vec::new(), report });
                 }
@@ -152,7 +167,8 @@ impl Search<'_> {
     /// The control points, first those that are the most distinctive and the likeliest to be in view.
     fn most_telling_first(&self, views: &[View], frame: &Frame) -> Vec<usize> {
         let Some(view) = views.get(views.len() / 2) else { return Vec::new() };
-        let telling = self.control.iter().enumerate().map(|(index, control_point)| {
+        let buildings = self.control.iter().enumerate().filter(|(_, point)| point.scene.is_none());
+        let telling = buildings.map(|(index, control_point)| {
             let share = view.share_on_frame(self.camera, frame, control_point);
             (index, share * distinctiveness(control_point) as f64)
         });

@@ -66,6 +66,9 @@ pub fn well_spread(control: &[ControlPoint], most: usize) -> Vec<ControlPoint> {
 /// coordinates, and many parallel lines fix one.
 pub(super) fn distinctiveness(control_point: &ControlPoint) -> u64 {
     const LONGEST_M: f64 = 30.0;
+    if control_point.scene.is_some() {
+        return OF_A_SCENE;
+    }
     let mut directions: Vec<f64> = Vec::new();
     let mut length_m = 0.0;
     for edge in &control_point.edges_m {
@@ -83,6 +86,9 @@ pub(super) fn distinctiveness(control_point: &ControlPoint) -> u64 {
     }
     (10.0 * length_m) as u64 * directions.len().min(3) as u64
 }
+
+/// A scene counts like a house of 30 by 20 m.
+const OF_A_SCENE: u64 = 2000;
 
 #[cfg(test)]
 mod tests {

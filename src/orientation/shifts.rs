@@ -17,7 +17,7 @@ const SIGMA_OWN_PX: f64 = 0.7;
 /// Standard deviation of the part that it shares with its neighbours.
 const SIGMA_SHARED_PX: f64 = 0.8;
 /// That much of the stated variance of a control point's coordinates moves it as a whole.
-const SHARE_OF_THE_BUILDING: f64 = 0.5;
+pub(super) const SHARE_OF_THE_BUILDING: f64 = 0.5;
 /// The distance, in principal distances, over which the shared part falls to 1/e.
 const REACH: f64 = 0.22;
 /// Degrees of freedom of Student's distribution for a building's own part.
@@ -83,20 +83,19 @@ impl Reduced {
 }
 
 impl ShiftPrior {
-    /// For buildings at places given in principal distances, whose coordinates have standard deviations in pixels.
-    /// `of_camera` is the covariance of the errors that the interior orientation makes at two places: they shift all that
+    /// For buildings and scenes at places given in principal distances, with the variances that their stated accuracy
+    /// gives them as a whole, px². `of_camera` is the covariance of the errors that the interior orientation makes at two places: they shift all that
     /// is there, and so neighbours alike.
     pub(super) fn new(
         places: &[Vector2<f64>],
-        sigma_control_px: &[f64],
+        stated_px2: &[f64],
         of_camera: impl Fn(Vector2<f64>, Vector2<f64>) -> f64,
     ) -> Self {
         let count = places.len();
         let shared = DMatrix::from_fn(count, count, |i, j| {
             SIGMA_SHARED_PX.powi(2) * (-(places[i] - places[j]).norm() / REACH).exp() + of_camera(places[i], places[j])
         });
-        let own = |sigma: &f64| SIGMA_OWN_PX.powi(2) + SHARE_OF_THE_BUILDING * sigma.powi(2);
-        let own = sigma_control_px.iter().map(own).collect();
+        let own = stated_px2.iter().map(|stated| SIGMA_OWN_PX.powi(2) + stated).collect();
         Self { shared, own }
     }
 

@@ -140,7 +140,7 @@ const CERTAIN: Risk = Risk { by_chance: 1.0, with_displacement: 1.0, with_pair: 
 
 /// How the adjustment depends on its control points.
 pub(super) fn reliability(search: &Search, extraction: &Extraction, adjustment: &Adjustment) -> Option<Reliability> {
-    let Search { camera, control, approximation } = *search;
+    let Search { camera, control, approximation, .. } = *search;
     let prior = approximation.prior(&adjustment.orientation)?;
     let model = Model { camera, control, observed: extraction.segments(), prior: &prior };
     model.reliability(adjustment)

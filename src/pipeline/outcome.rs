@@ -161,6 +161,10 @@ fn control_point_result(
         let edges = edges_on_frame_px(camera, &adjustment.orientation, control_point);
         let mut matched: Vec<usize> = Vec::new();
         let (mut squares, mut count) = (0.0, 0.0);
+        if let Some((measured, reference)) = building.measured.zip(reference) {
+            squares += (measured.at_px - reference).norm_squared();
+            count += 1.0;
+        }
         for (found, _) in building.matches.iter().zip(kept).filter(|(_, kept)| **kept) {
             matched.push(found.edge);
             if let Some(edge) = &edges[found.edge] {
@@ -173,7 +177,7 @@ fn control_point_result(
         }
         matched.sort_unstable();
         matched.dedup();
-        result.used = !matched.is_empty();
+        result.used = kept.contains(&true);
         result.segments_matched = matched.len();
         result.residual_px = (count > 0.0).then(|| (squares / count).sqrt());
     }

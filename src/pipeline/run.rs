@@ -134,9 +134,10 @@ impl Run<'_> {
             let diagnosis = not_oriented("no_control_in_view", detail.to_owned());
             return Ok(Attempt::without_hypothesis(Outcome::without_orientation(diagnosis)));
         }
-        let search = Search { camera, control, approximation };
+        let search = Search::new(camera, control, approximation);
         self.enter(Stage::Extract, 0.05)?;
-        let mut extraction = Extraction::new(self.picture, camera, typical_edge_px(control, camera, approximation));
+        let edge_px = typical_edge_px(control, camera, approximation);
+        let mut extraction = Extraction::new(self.picture, camera, edge_px).for_scenes(search.reduction());
         self.enter(Stage::Locate, 0.1)?;
         let go_on = |done: f64| {
             self.progress(Stage::Locate, 0.1 + 0.6 * done);

@@ -1,6 +1,19 @@
 //! Control scenes: small georeferenced pictures of the ground, found in the aerial image (Berveglieri and Tommaselli).
 
-use nalgebra::Vector2;
+pub mod consistency;
+pub mod keys;
+pub mod matching;
+pub mod measure;
+mod rendering;
+pub mod view;
+
+use nalgebra::{Matrix2, Vector2};
+
+pub use consistency::{Sighting, sightings};
+pub use keys::{ImageKeys, SceneKey, scene_keys};
+pub use matching::{Correspondence, Gate, correspondences};
+pub use measure::{Measured, measure};
+pub use view::View;
 
 /// The picture of a control scene: seen straight from above, in one scale.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +42,13 @@ impl Scene {
         let right_m = self.gsd_m * (pixel.x - self.reference_px.x);
         let up_m = self.gsd_m * (self.reference_px.y - pixel.y);
         Vector2::new(right_m * cos + up_m * sin, up_m * cos - right_m * sin)
+    }
+
+    /// The same for a step from pixel to pixel.
+    #[must_use]
+    pub fn ground_by_pixel_m(&self) -> Matrix2<f64> {
+        let (sin, cos) = self.azimuth_of_image_up_rad.sin_cos();
+        Matrix2::new(cos, -sin, -sin, -cos) * self.gsd_m
     }
 
     /// The pixel of a place so far east and north of the reference point.
@@ -64,6 +84,8 @@ mod tests {
             let turned = Scene { azimuth_of_image_up_rad, ..scene.clone() };
             let pixel = Vector2::new(12.5, 70.25);
             assert!((turned.pixel_from_ground(turned.ground_from_pixel_m(pixel)) - pixel).norm() < 1e-9);
+            let stepped = turned.ground_by_pixel_m() * (pixel - turned.reference_px);
+            assert!((stepped - turned.ground_from_pixel_m(pixel)).norm() < 1e-9);
         }
     }
 }

@@ -116,7 +116,7 @@ pub fn orient(
         reference(&points, camera, &fit.orientation, &prior).and_then(|r| lambda_max(&fit.covariance, &r));
     let inflation = fit.sigma0().max(1.0).powi(2);
     let by_points = Prediction { orientation: fit.orientation, covariance: fit.covariance * inflation };
-    let search = Search { camera, control: &control, approximation };
+    let search = Search::new(camera, &control, approximation);
     let adjustment = adjust_with_lines(&search, &by_points, &mut extraction)?;
     Ok(Found {
         orientation: adjustment.map(|a| a.orientation),

@@ -76,7 +76,7 @@ fn photograph(control: &[ControlPoint], noise: f64, draws: &mut Draws) -> (Vec<O
                 file_px: segment_px,
             });
         }
-        buildings.push(Building { control_point: index, matches, shift_px: Vector2::zeros() });
+        buildings.push(Building { control_point: index, matches, measured: None, shift_px: Vector2::zeros() });
     }
     (observed, buildings)
 }

@@ -1,0 +1,235 @@
+//! Control scenes in the search: where SIFT sees them under a prediction, as candidates beside those of the buildings.
+
+use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
+
+use super::extract::Extraction;
+use super::gate::Scale;
+use super::locate::Peak;
+use super::predict::{Prediction, on_frame};
+use super::search::{Candidate, Search, WIDE, square};
+use super::views::{HALF_VIEW_RAD, REACH_SIGMAS};
+use crate::estimation::largest_sigma;
+use crate::features::PictureError;
+use crate::geometry::{ExteriorOrientation, rotation};
+use crate::scenes::{Gate, Measured, Scene, SceneKey, Sighting, View, correspondences, measure, scene_keys, sightings};
+
+/// In narrow windows a scene is looked for up to so many standard deviations: the gate of the candidates.
+const NARROW_SIGMAS: f64 = 3.4;
+/// Standard deviation of the logarithm of a stated ground sample distance, and of the ground not being a plane.
+const SIGMA_LOG_GSD: f64 = 0.03;
+/// How far key points may be from a similarity, for each pixel of distance from the reference: relief.
+const RELIEF: f64 = 0.02;
+/// A heading known no better is not known.
+const NO_HEADING_RAD: f64 = 0.5;
+/// A place that chance would bring about once in seven images is no candidate.
+const LEAST_LOG_ODDS: f64 = 2.0;
+/// Standard deviation of a scene's reference that SIFT has seen, and least squares could not match.
+const SIGMA_SEEN_PX: f64 = 2.0;
+/// Variance that every measured scene has beside its own: seasons and shadows move what the eye takes for the same.
+const SCENE_PX2: f64 = 0.1;
+
+/// What the scenes of a search look like in the image.
+pub(super) struct SceneLooks {
+    keys: Vec<Vec<SceneKey>>,
+    reduction: u32,
+}
+
+impl SceneLooks {
+    pub(super) fn none() -> Self {
+        Self { keys: Vec::new(), reduction: 1 }
+    }
+
+    /// The key points of all scenes among the control points.
+    pub(super) fn of(search: &Search) -> Self {
+        let orientation = &search.approximation.orientation;
+        let view = |k: usize| search.view(k, orientation);
+        let scene = |k: usize| search.control[k].scene.as_deref();
+        let count = search.control.len();
+        let maps = (0..count).filter_map(|k| view(k).file_by_scene(scene(k)?));
+        let reduction = crate::scenes::keys::reduction_for(maps);
+        let of_one = |k: usize| scene(k).map_or(Vec::new(), |scene| scene_keys(scene, &view(k), reduction));
+        Self { keys: (0..count).into_par_iter().map(of_one).collect(), reduction }
+    }
+}
+
+impl Search<'_> {
+    /// By how much the image is reduced for the scenes.
+    #[must_use]
+    pub fn reduction(&self) -> u32 {
+        self.looks.reduction
+    }
+
+    /// Whether there are scenes among the control points.
+    #[must_use]
+    pub fn has_scenes(&self) -> bool {
+        self.control.iter().any(|point| point.scene.is_some())
+    }
+
+    /// Adds the places where the scenes may be under all that the approximation allows.
+    pub(super) fn sight_all(
+        &self,
+        extraction: &mut Extraction,
+        candidates: &mut [Vec<Candidate>],
+    ) -> Result<(), PictureError> {
+        let approximation = self.approximation;
+        let prior = approximation.prior(&approximation.orientation);
+        let Some(covariance) = prior.and_then(|prior| prior.information.try_inverse()) else { return Ok(()) };
+        let prediction = Prediction { orientation: approximation.orientation, covariance };
+        let gates: Vec<(usize, Gate)> = self.gates(&prediction, REACH_SIGMAS, WIDE);
+        self.cover_gates(gates.iter(), extraction)?;
+        let extraction = &*extraction;
+        let seen = |(k, gate): &(usize, Gate)| (*k, self.sightings(*k, gate, &prediction.orientation, extraction));
+        let seen: Vec<(usize, Vec<Sighting>)> = gates.par_iter().map(seen).collect();
+        for ((k, sightings), (_, gate)) in seen.iter().zip(&gates) {
+            let candidate = |sighting: &Sighting| Candidate {
+                peak: peak(sighting, gate, WIDE),
+                view: self.turned(&prediction.orientation, sighting),
+            };
+            candidates[*k].extend(sightings.iter().map(candidate));
+        }
+        Ok(())
+    }
+
+    /// Reads what the scenes need under predictions.
+    pub(super) fn cover_scenes<'p>(
+        &self,
+        predictions: impl Iterator<Item = &'p Prediction>,
+        scale: Scale,
+        extraction: &mut Extraction,
+    ) -> Result<(), PictureError> {
+        let gates: Vec<_> = predictions.flat_map(|prediction| self.gates(prediction, NARROW_SIGMAS, scale)).collect();
+        self.cover_gates(gates.iter(), extraction)
+    }
+
+    /// The candidates of the scenes under a prediction, each in the list of its control point.
+    pub(super) fn sight(
+        &self,
+        prediction: &Prediction,
+        scale: Scale,
+        extraction: &Extraction,
+        candidates: &mut [Vec<Peak>],
+    ) {
+        for (k, gate) in self.gates(prediction, NARROW_SIGMAS, scale) {
+            let sightings = self.sightings(k, &gate, &prediction.orientation, extraction);
+            candidates[k].extend(sightings.iter().map(|sighting| peak(sighting, &gate, scale)));
+        }
+    }
+
+    /// The reference of a scene, which SIFT has seen, by least-squares matching; where that fails, as it was seen.
+    pub(super) fn measured(
+        &self,
+        control_point: usize,
+        at_px: Vector2<f64>,
+        orientation: &ExteriorOrientation,
+        extraction: &mut Extraction,
+    ) -> Result<Option<Measured>, PictureError> {
+        let Some(scene) = self.control[control_point].scene.as_deref() else { return Ok(None) };
+        let view = self.view(control_point, orientation);
+        let seen = Measured { at_px, covariance: Matrix2::identity() * SIGMA_SEEN_PX.powi(2), correlation: 0.0 };
+        let measured = extraction
+            .measured(control_point, at_px, |picture, reduction| measure(picture, scene, &view, at_px, reduction))?;
+        Ok(Some(match measured {
+            Some(m) => Measured { covariance: m.covariance + Matrix2::identity() * SCENE_PX2, ..m },
+            None => seen,
+        }))
+    }
+
+    fn view<'v>(&'v self, control_point: usize, orientation: &'v ExteriorOrientation) -> View<'v> {
+        View { camera: self.camera, orientation, reference_m: self.control[control_point].reference_m }
+    }
+
+    /// Where the scenes are expected that may be on the frame.
+    fn gates(&self, prediction: &Prediction, reach_sigmas: f64, scale: Scale) -> Vec<(usize, Gate)> {
+        let gate = |k: usize| {
+            let scene = self.control[k].scene.as_deref()?;
+            self.scene_gate(k, scene, prediction, reach_sigmas, scale).map(|gate| (k, gate))
+        };
+        (0..self.control.len()).filter_map(gate).collect()
+    }
+
+    fn scene_gate(
+        &self,
+        control_point: usize,
+        scene: &Scene,
+        prediction: &Prediction,
+        reach_sigmas: f64,
+        scale: Scale,
+    ) -> Option<Gate> {
+        let reference = &self.control[control_point];
+        let expected = prediction.image_of(self.camera, reference.reference_m, reference.sigma_m);
+        let (predicted_px, covariance) = expected?;
+        let covariance = covariance + Matrix2::identity() * scale.sigma_px.powi(2);
+        if !on_frame(self.camera, predicted_px, reach_sigmas * largest_sigma(&covariance)) {
+            return None;
+        }
+        let depth_m = -prediction.orientation.camera_coordinates(reference.reference_m).z;
+        let sigma_turn = prediction.covariance[(5, 5)].sqrt().hypot(scene.sigma_azimuth_rad);
+        let sigma_tilt = prediction.covariance[(3, 3)].max(prediction.covariance[(4, 4)]).sqrt();
+        // twice the tilt's standard deviation foreshortens by so much
+        let foreshortening = (2.0 * sigma_tilt).min(1.0).powi(2) / 2.0;
+        let sigma_log_scale = (prediction.covariance[(2, 2)].sqrt() / depth_m).hypot(SIGMA_LOG_GSD);
+        Some(Gate {
+            predicted_px,
+            covariance,
+            reach_sigmas,
+            most_px2: self.camera.frame_area_px2(),
+            sigma_turn_rad: (sigma_turn < NO_HEADING_RAD).then_some(sigma_turn),
+            sigma_log_scale: sigma_log_scale + foreshortening / 2.0,
+            relief: RELIEF + foreshortening,
+        })
+    }
+
+    fn cover_gates<'g>(
+        &self,
+        gates: impl Iterator<Item = &'g (usize, Gate)>,
+        extraction: &mut Extraction,
+    ) -> Result<(), PictureError> {
+        let rectangle = |(k, gate): &(usize, Gate)| {
+            let reach_px = gate.reach_sigmas * largest_sigma(&gate.covariance) + self.half_extent_px(*k);
+            square(self.camera, gate.predicted_px, reach_px)
+        };
+        extraction.cover_keys(&gates.map(rectangle).collect::<Vec<_>>())
+    }
+
+    /// How far a scene reaches around its reference.
+    fn half_extent_px(&self, control_point: usize) -> f64 {
+        let Some(scene) = self.control[control_point].scene.as_deref() else { return 0.0 };
+        let view = self.view(control_point, &self.approximation.orientation);
+        let by_ground = view.reduced_by_ground().map_or(0.0, |m| m.norm());
+        scene.gsd_m * scene.width.max(scene.height) as f64 / 2.0 * by_ground
+    }
+
+    fn sightings(
+        &self,
+        control_point: usize,
+        gate: &Gate,
+        orientation: &ExteriorOrientation,
+        extraction: &Extraction,
+    ) -> Vec<Sighting> {
+        let (keys, image) = (&self.looks.keys[control_point], extraction.keys());
+        let found = correspondences(keys, &self.view(control_point, orientation), image, gate);
+        let mut places = sightings(&found, gate, image.reduction());
+        places.retain(|s| s.log_odds > LEAST_LOG_ODDS && on_frame(self.camera, s.at_px, 0.0));
+        places
+    }
+
+    /// The approximate orientation, turned and lifted as a scene is seen.
+    fn turned(&self, orientation: &ExteriorOrientation, sighting: &Sighting) -> ExteriorOrientation {
+        let [omega, phi, kappa] = rotation::angles(&orientation.camera_from_object);
+        let mut turned = *orientation;
+        // y of the image points down: what turns from x to y there turns the camera from y to x
+        let turn = if sighting.turn_rad.abs() > HALF_VIEW_RAD { sighting.turn_rad } else { 0.0 };
+        turned.camera_from_object = rotation::camera_from_object(omega, phi, kappa + turn);
+        let height_m = self.typical_height_m();
+        turned.projection_centre_m.z =
+            height_m + (orientation.projection_centre_m.z - height_m) * (-sighting.log_scale).exp();
+        turned
+    }
+}
+
+/// A sighting as a candidate: against the scene being at any other place of the gate.
+fn peak(sighting: &Sighting, gate: &Gate, scale: Scale) -> Peak {
+    let cells = gate.area_px2() / (2.0 * scale.cell_px).powi(2);
+    Peak { at_px: sighting.at_px, log_likelihood: sighting.log_odds + cells.max(1.0).ln() }
+}

@@ -1,0 +1,199 @@
+//! Key points of scenes and of the aerial image, in frames in which they can be compared: those of a scene by their
+//! places on the ground, those of the image in reduced pixels.
+
+use std::collections::{HashMap, HashSet};
+
+use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
+
+use super::rendering::Rendering;
+use super::{Scene, View};
+use crate::features::sift::{Descriptor, Settings, key_points};
+use crate::features::{Picture, PictureError, PixelRect};
+use crate::geometry::Camera;
+
+/// A key point of a scene.
+#[derive(Debug, Clone)]
+pub struct SceneKey {
+    /// Its place, metres east and north of the reference.
+    pub ground_m: Vector2<f64>,
+    /// Its orientation, as long as its scale, in the same frame.
+    pub along_m: Vector2<f64>,
+    /// What it looks like.
+    pub descriptor: Descriptor,
+}
+
+/// Cells of a rendered scene, at most.
+const MOST_CELLS: usize = 4_000_000;
+/// Key points of a scene, at most: the strongest.
+const MOST_KEYS: usize = 600;
+/// What lies nearer to the rim of a scene, in scales of the key point, has seen beyond it.
+const RIM_SCALES: f64 = 3.0;
+
+/// The key points of a scene, seen at the resolution of an image that is reduced by `reduction` and as its approximate
+/// orientation turns it. None where the camera does not see the reference.
+#[must_use]
+pub fn scene_keys(scene: &Scene, view: &View, reduction: u32) -> Vec<SceneKey> {
+    let cell_by_scene = view.file_by_scene(scene).map(|file_by_scene| file_by_scene / f64::from(reduction));
+    let rendering = cell_by_scene.and_then(|cell_by_scene| Rendering::whole(scene, &cell_by_scene, MOST_CELLS));
+    let Some(rendering) = rendering else { return Vec::new() };
+    let settings = Settings { most: Some(2 * MOST_KEYS), ..settings() };
+    let found = key_points(&rendering.grey, rendering.width, rendering.height, &settings);
+    let key = |point: crate::features::sift::KeyPoint| {
+        let (sin, cos) = point.orientation_rad.sin_cos();
+        let along_px = rendering.scene_direction(Vector2::new(cos, sin) * point.scale_px);
+        let at_px = rendering.scene_px(point.at_px);
+        let rim = RIM_SCALES * along_px.norm();
+        let inside = |v: f64, size: usize| v >= rim && v <= size as f64 - rim;
+        (inside(at_px.x, scene.width) && inside(at_px.y, scene.height)).then(|| SceneKey {
+            ground_m: scene.ground_from_pixel_m(at_px),
+            along_m: scene.ground_by_pixel_m() * along_px,
+            descriptor: point.descriptor,
+        })
+    };
+    let mut keys: Vec<SceneKey> = found.into_iter().filter_map(key).collect();
+    keys.truncate(MOST_KEYS);
+    keys
+}
+
+/// Aerial photographs are soft, and grass has little contrast: less of it than Lowe asks for is enough, and nothing is
+/// found by doubling the resolution.
+fn settings() -> Settings {
+    Settings { upsampled: false, contrast: 0.01, ..Settings::default() }
+}
+
+/// A key point of the image.
+#[derive(Debug, Clone)]
+pub struct ImageKey {
+    /// Its place, reduced pixels.
+    pub at_px: Vector2<f64>,
+    /// Its orientation, as long as its scale, reduced pixels.
+    pub along_px: Vector2<f64>,
+    /// What it looks like.
+    pub descriptor: Descriptor,
+}
+
+/// Cells along a side of a tile.
+const TILE_CELLS: u32 = 768;
+/// Cells around a tile that are looked at with it: key points near its rim are described by what lies beyond.
+const AROUND_CELLS: u32 = 64;
+/// Side of a cell of the raster of places, in cells of the picture.
+const RASTER_CELLS: f64 = 48.0;
+
+/// The key points of one image, growing with the regions that are asked for.
+pub struct ImageKeys<'a> {
+    picture: &'a dyn Picture,
+    camera: &'a Camera,
+    reduction: u32,
+    done: HashSet<[u32; 2]>,
+    keys: Vec<ImageKey>,
+    raster: HashMap<[i32; 2], Vec<u32>>,
+}
+
+impl<'a> ImageKeys<'a> {
+    /// Nothing is looked at yet; when it is, at a resolution reduced by `reduction`.
+    #[must_use]
+    pub fn new(picture: &'a dyn Picture, camera: &'a Camera, reduction: u32) -> Self {
+        let (done, keys, raster) = (HashSet::new(), Vec::new(), HashMap::new());
+        Self { picture, camera, reduction: reduction.max(1), done, keys, raster }
+    }
+
+    /// Pixels of the file along a side of a cell.
+    #[must_use]
+    pub fn reduction(&self) -> u32 {
+        self.reduction
+    }
+
+    /// Pixels of the file that were looked at.
+    #[must_use]
+    pub fn pixels_read(&self) -> u64 {
+        let side_px = u64::from(TILE_CELLS * self.reduction);
+        self.done.len() as u64 * side_px * side_px
+    }
+
+    /// Finds the key points of all tiles that touch rectangles, least and largest x and y in pixels of the file, with all
+    /// cores; their order does not depend on the number of cores.
+    ///
+    /// # Errors
+    /// [`PictureError`] if the picture cannot be read there.
+    pub fn cover(&mut self, rectangles_px: &[[Vector2<f64>; 2]]) -> Result<(), PictureError> {
+        let side_px = f64::from(TILE_CELLS * self.reduction);
+        let [width, height] = self.picture.size_px();
+        let range = |least: f64, largest: f64, size: u32| {
+            let last = f64::from(size.max(1) - 1);
+            let index = |v: f64| (v.clamp(0.0, last) / side_px) as u32;
+            if largest < 0.0 || least > last { 0..0 } else { index(least)..index(largest) + 1 }
+        };
+        let mut missing = Vec::new();
+        for [least, largest] in rectangles_px {
+            for row in range(least.y, largest.y, height) {
+                for column in range(least.x, largest.x, width) {
+                    if self.done.insert([column, row]) {
+                        missing.push([column, row]);
+                    }
+                }
+            }
+        }
+        let found: Vec<_> = missing.par_iter().map(|tile| self.of_tile(*tile)).collect();
+        for of_tile in found {
+            for key in of_tile? {
+                self.raster.entry(self.cell(key.at_px)).or_default().push(self.keys.len() as u32);
+                self.keys.push(key);
+            }
+        }
+        Ok(())
+    }
+
+    fn cell(&self, at_px: Vector2<f64>) -> [i32; 2] {
+        let side_px = RASTER_CELLS * f64::from(self.reduction);
+        [at_px.x, at_px.y].map(|v| (v / side_px).floor() as i32)
+    }
+
+    /// The key points in a rectangle of reduced pixels, and some beside it.
+    pub fn near(&self, least_px: Vector2<f64>, largest_px: Vector2<f64>) -> impl Iterator<Item = &ImageKey> {
+        let radius_px = Vector2::repeat(self.camera.frame_radius_px());
+        let ([left, top], [right, bottom]) =
+            (self.cell(least_px.sup(&-radius_px)), self.cell(largest_px.inf(&radius_px)));
+        let cells = (top..=bottom).flat_map(move |row| (left..=right).map(move |column| [column, row]));
+        cells.filter_map(|cell| self.raster.get(&cell)).flatten().map(|index| &self.keys[*index as usize])
+    }
+
+    fn of_tile(&self, [column, row]: [u32; 2]) -> Result<Vec<ImageKey>, PictureError> {
+        let r = self.reduction;
+        let (side, around) = (TILE_CELLS * r, AROUND_CELLS * r);
+        let first = [column * side, row * side];
+        let [x, y] = first.map(|v| v.saturating_sub(around));
+        let rect = PixelRect { x, y, width: first[0] + side + around - x, height: first[1] + side + around - y };
+        let window = self.picture.window(rect, r)?;
+        let found = key_points(&window.grey, window.width, window.height, &settings());
+        let own = |v: f64, first: u32| v >= f64::from(first) && v < f64::from(first + side);
+        let key = |point: crate::features::sift::KeyPoint| {
+            let origin = Vector2::from(window.origin_px.map(f64::from));
+            let pixel = origin + point.at_px * f64::from(r);
+            let (sin, cos) = point.orientation_rad.sin_cos();
+            let along = Vector2::new(cos, sin) * (point.scale_px * f64::from(r));
+            if !own(pixel.x, first[0]) || !own(pixel.y, first[1]) {
+                return None;
+            }
+            let at_px = self.camera.reduced_from_pixel(pixel)?;
+            let along_px = self.camera.reduced_from_pixel(pixel + along)? - at_px;
+            Some(ImageKey { at_px, along_px, descriptor: point.descriptor })
+        };
+        Ok(found.into_iter().filter_map(key).collect())
+    }
+}
+
+/// By how much an image should be reduced to show the scenes as they are: where its pixels are finer than theirs.
+#[must_use]
+pub fn reduction_for(file_by_scene: impl IntoIterator<Item = Matrix2<f64>>) -> u32 {
+    let mut scales: Vec<f64> = file_by_scene.into_iter().map(|m| m.determinant().abs().sqrt()).collect();
+    let middle = scales.len() / 2;
+    if scales.is_empty() {
+        return 1;
+    }
+    let (_, median, _) = scales.select_nth_unstable_by(middle, f64::total_cmp);
+    (*median / LARGEST_MAGNIFICATION).floor().clamp(1.0, 16.0) as u32
+}
+
+/// Scenes may be magnified by so much before the image is reduced instead.
+const LARGEST_MAGNIFICATION: f64 = 1.0;
