@@ -5,13 +5,16 @@
 
 /// Cells that are summed at once.
 const LANES: usize = 16;
-/// The filters reach at most so far; those of the scale space reach 10 cells.
-const MOST_TAPS: usize = 16;
+/// Rows that are summed at once.
+const ROWS: usize = 4;
+/// Taps to a side at most: the reach of the last filter of an octave.
+const MOST_TAPS: usize = 10;
 
 /// A symmetric filter: the middle, then the taps to either side.
 #[derive(Debug, Clone)]
 pub(super) struct Kernel {
     middle: f32,
+    /// At most [`MOST_TAPS`].
     sides: Vec<f32>,
 }
 
@@ -42,16 +45,22 @@ impl Kernel {
             k => fine.sides.get(k - 1).copied().unwrap_or(0.0),
         };
         let blended = |k: i64| at(k) + 0.5 * (at(k - 1) + at(k + 1));
-        let reach = fine.sides.len() as i64 / 2 + 1;
-        let even: Vec<f32> = (0..=reach).map(|j| blended(2 * j)).collect();
-        let odd: Vec<f32> = (0..=reach).map(|j| blended(2 * j + 1)).collect();
+        // interpolation reaches one fine cell
+        let reach = fine.sides.len() as i64 + 1;
+        let even: Vec<f32> = (0..=reach / 2).map(|j| blended(2 * j)).collect();
+        let odd: Vec<f32> = (0..(reach + 1) / 2).map(|j| blended(2 * j + 1)).collect();
         let scaled = |taps: &[f32], sum: f32| taps.iter().map(|tap| tap / sum).collect::<Vec<_>>();
         let (sum_even, sum_odd) = (2.0 * even.iter().sum::<f32>() - even[0], 2.0 * odd.iter().sum::<f32>());
         let even = scaled(&even, sum_even);
         [
             Self { middle: even[0], sides: even[1..].to_vec() },
-            Self { middle: 0.0, sides: scaled(&odd[..reach as usize], sum_odd) },
+            Self { middle: 0.0, sides: scaled(&odd, sum_odd) },
         ]
+    }
+
+    /// The taps to one side, and zeros beyond them.
+    fn taps<const TAPS: usize>(&self) -> [f32; TAPS] {
+        std::array::from_fn(|j| self.sides.get(j).copied().unwrap_or(0.0))
     }
 }
 
@@ -71,118 +80,204 @@ fn mirrored(at: isize, count: usize) -> usize {
     at.min(2 * last - at) as usize
 }
 
-/// `out` = middle · `centre` + Σ side · (pair), over whole rows.
+/// Calls a function whose first parameter is the number of taps to a side, so that for those that occur the loop over
+/// them is unrolled.
+macro_rules! with_taps {
+    ($kernel:expr, $function:ident $(::<$further:literal>)? ($($argument:expr),*)) => {
+        match $kernel.sides.len() {
+            2 => $function::<2 $(, $further)?>($kernel, $($argument),*),
+            3 => $function::<3 $(, $further)?>($kernel, $($argument),*),
+            4 => $function::<4 $(, $further)?>($kernel, $($argument),*),
+            5 => $function::<5 $(, $further)?>($kernel, $($argument),*),
+            6 => $function::<6 $(, $further)?>($kernel, $($argument),*),
+            8 => $function::<8 $(, $further)?>($kernel, $($argument),*),
+            _ => $function::<MOST_TAPS $(, $further)?>($kernel, $($argument),*),
+        }
+    };
+}
+
+/// Calls `sum` with the first of each group of [`LANES`] columns; the last group may overlap that before. False if
+/// there are not so many columns.
 #[inline(always)]
-fn sum_rows(kernel: &Kernel, centre: &[f32], pairs: &[[&[f32]; 2]], out: &mut [f32]) {
-    if out.len() < LANES {
-        return (0..out.len()).for_each(|x| sum_rows_at::<1>(kernel, centre, pairs, out, x));
+fn by_lanes(width: usize, mut sum: impl FnMut(usize)) -> bool {
+    let Some(last) = width.checked_sub(LANES) else { return false };
+    (0..last).step_by(LANES).for_each(&mut sum);
+    sum(last);
+    true
+}
+
+/// Sums over pairs of rows for the rows of `out` (at most [`ROWS`]): each group of lanes of all of them before the next
+/// group, so that a source row comes into the first cache once for all.
+fn sum_across<const TAPS: usize>(kernel: &Kernel, pairs: &[Pairs<'_>], out: &mut [f32], width: usize) {
+    let taps: [f32; TAPS] = kernel.taps();
+    let done = by_lanes(width, |x| {
+        for (out, (centre, pairs)) in out.chunks_exact_mut(width).zip(pairs) {
+            let pairs: &[[&[f32]; 2]; TAPS] = pairs.first_chunk().unwrap_or(&[[&[]; 2]; TAPS]);
+            let sums = sum_rows(kernel.middle, &taps, centre, pairs, x);
+            out[x..x + LANES].copy_from_slice(&sums);
+        }
+    });
+    if !done {
+        for (out, (centre, pairs)) in out.chunks_exact_mut(width).zip(pairs) {
+            for (x, out) in out.iter_mut().enumerate() {
+                let pairs = taps.iter().zip(pairs).map(|(tap, [a, b])| tap * (a[x] + b[x]));
+                *out = kernel.middle * centre[x] + pairs.sum::<f32>();
+            }
+        }
     }
-    let last = out.len() - LANES;
-    for x in (0..last).step_by(LANES) {
-        sum_rows_at::<LANES>(kernel, centre, pairs, out, x);
-    }
-    // the last ones may be summed twice
-    sum_rows_at::<LANES>(kernel, centre, pairs, out, last);
 }
 
 #[inline(always)]
-fn sum_rows_at<const N: usize>(
-    kernel: &Kernel,
+fn sum_rows<const TAPS: usize>(
+    middle: f32,
+    taps: &[f32; TAPS],
     centre: &[f32],
-    pairs: &[[&[f32]; 2]],
-    out: &mut [f32],
+    pairs: &[[&[f32]; 2]; TAPS],
     x: usize,
-) {
-    let mut sums = lanes::<N>(centre, x).map(|value| kernel.middle * value);
-    for (&tap, [a, b]) in kernel.sides.iter().zip(pairs) {
-        let (a, b) = (lanes::<N>(a, x), lanes::<N>(b, x));
-        for k in 0..N {
+) -> [f32; LANES] {
+    let mut sums = lanes::<LANES>(centre, x).map(|value| middle * value);
+    for (tap, [a, b]) in taps.iter().zip(pairs) {
+        let (a, b) = (lanes::<LANES>(a, x), lanes::<LANES>(b, x));
+        for k in 0..LANES {
             sums[k] += tap * (a[k] + b[k]);
         }
     }
-    out[x..x + N].copy_from_slice(&sums);
+    sums
 }
 
-/// A row with so many mirrored cells before and after it.
-fn extend(row: &[f32], reach: usize, padded: &mut [f32]) {
+/// The same along a row that has been extended by [`extend`]. `BETWEEN` is 0 for filters with a middle, and 1
+/// for those that make the cells between.
+fn sum_along<const TAPS: usize, const BETWEEN: usize>(kernel: &Kernel, padded: &[f32], out: &mut [f32]) {
+    let taps: [f32; TAPS] = kernel.taps();
+    let sum = |x: usize| {
+        // not copied: the lanes are fetched where they lie
+        let near = padded.get(x..).and_then(|padded| padded.first_chunk()).unwrap_or(&[0.0; NEAR]);
+        sum_near::<TAPS, BETWEEN>(kernel.middle, &taps, near)
+    };
+    let done = by_lanes(out.len(), |x| out[x..x + LANES].copy_from_slice(&sum(x)));
+    if !done {
+        let sums = sum(0);
+        out.iter_mut().zip(sums).for_each(|(out, sum)| *out = sum);
+    }
+}
+
+/// What a group of lanes needs of a row.
+const NEAR: usize = LANES + 2 * MOST_TAPS;
+
+#[inline(always)]
+fn sum_near<const TAPS: usize, const BETWEEN: usize>(middle: f32, taps: &[f32; TAPS], near: &[f32; NEAR]) -> [f32; LANES] {
+    let mut sums: [f32; LANES] = std::array::from_fn(|k| middle * near[MOST_TAPS + k]);
+    for j in 0..TAPS.min(MOST_TAPS) {
+        let (before, after) = (MOST_TAPS - 1 - j + BETWEEN, MOST_TAPS + 1 + j);
+        for k in 0..LANES {
+            sums[k] += taps[j] * (near[before + k] + near[after + k]);
+        }
+    }
+    sums
+}
+
+/// A row with [`MOST_TAPS`] mirrored cells before and after it. (And zeros for a whole group of lanes.)
+fn extend(row: &[f32], padded: &mut [f32]) {
     let width = row.len();
-    padded[reach..reach + width].copy_from_slice(row);
-    extend_in_place(width, reach, padded);
-}
-
-fn extend_in_place(width: usize, reach: usize, padded: &mut [f32]) {
-    for j in 1..=reach as isize {
-        padded[reach - j as usize] = padded[reach + mirrored(-j, width)];
-        padded[reach + width + j as usize - 1] = padded[reach + mirrored(width as isize - 1 + j, width)];
+    padded[MOST_TAPS..MOST_TAPS + width].copy_from_slice(row);
+    for j in 1..=MOST_TAPS as isize {
+        padded[MOST_TAPS - j as usize] = row[mirrored(-j, width)];
+        padded[MOST_TAPS + width + j as usize - 1] = row[mirrored(width as isize - 1 + j, width)];
     }
 }
 
-/// Along a row of `width + 2 · reach` cells.
-fn sum_along(kernel: &Kernel, padded: &[f32], reach: usize, out: &mut [f32]) {
-    let mut pairs: [[&[f32]; 2]; MOST_TAPS] = [[&[]; 2]; MOST_TAPS];
-    let count = kernel.sides.len();
-    for (j, pair) in pairs[..count].iter_mut().enumerate() {
-        *pair = [&padded[reach - j - 1..], &padded[reach + j + 1..]];
+/// Place for a row and what [`extend`] adds.
+fn padded_row(width: usize) -> Vec<f32> {
+    vec![0.0; width + 2 * MOST_TAPS + LANES]
+}
+
+/// A row, and those at the same distance before and after it.
+type Pairs<'a> = (&'a [f32], [[&'a [f32]; 2]; MOST_TAPS]);
+
+/// The last rows that went through the pass along them.
+struct Recent {
+    values: Vec<f32>,
+    /// An odd number of cache lines: rows a power of two apart would throw one another out of the first cache.
+    stride: usize,
+    width: usize,
+    /// Rows that the picture has, and rows done.
+    height: usize,
+    done: usize,
+}
+
+impl Recent {
+    /// As many as are needed at once, or more.
+    const ROWS: usize = 32;
+
+    fn new(width: usize, height: usize) -> Self {
+        let stride = (width.div_ceil(LANES) | 1) * LANES;
+        Self { values: vec![0.0; stride * Self::ROWS], stride, width, height, done: 0 }
     }
-    sum_rows(kernel, &padded[reach..], &pairs[..count], out);
+
+    /// Goes on up to a row, inclusive.
+    fn fill(&mut self, last: usize, mut filter: impl FnMut(usize, &mut [f32])) {
+        while self.done < self.height && self.done <= last {
+            let start = self.done % Self::ROWS * self.stride;
+            filter(self.done, &mut self.values[start..start + self.width]);
+            self.done += 1;
+        }
+    }
+
+    fn row(&self, y: isize) -> &[f32] {
+        let start = mirrored(y, self.height) % Self::ROWS * self.stride;
+        &self.values[start..start + self.width]
+    }
+
+    /// A row and the pairs about it, or about the middle between it and the next.
+    fn pairs(&self, y: isize, between: isize) -> Pairs<'_> {
+        let pair = |j: isize| [self.row(y - j + between), self.row(y + j)];
+        (self.row(y), std::array::from_fn(|j| pair(j as isize + 1)))
+    }
 }
 
 /// Blurs a picture. `to` holds at least `width` · `height` cells.
 pub(super) fn blur(from: &[f32], to: &mut [f32], width: usize, height: usize, kernel: &Kernel) {
-    let reach = kernel.sides.len();
-    let mut padded = vec![0.0; width + 2 * reach];
-    let row = |y: isize| {
-        let y = mirrored(y, height);
-        &from[y * width..(y + 1) * width]
-    };
-    let mut pairs: [[&[f32]; 2]; MOST_TAPS] = [[&[]; 2]; MOST_TAPS];
-    for (y, out) in to.chunks_exact_mut(width).take(height).enumerate() {
-        let y = y as isize;
-        for (j, pair) in pairs[..reach].iter_mut().enumerate() {
-            let j = j as isize + 1;
-            *pair = [row(y - j), row(y + j)];
-        }
-        sum_rows(kernel, row(y), &pairs[..reach], &mut padded[reach..reach + width]);
-        extend_in_place(width, reach, &mut padded);
-        sum_along(kernel, &padded, reach, out);
+    let mut recent = Recent::new(width, height);
+    let mut padded = padded_row(width);
+    for (group, out) in to[..width * height].chunks_mut(ROWS * width).enumerate() {
+        let first = group * ROWS;
+        recent.fill(first + ROWS - 1 + MOST_TAPS, |y, out| {
+            extend(&from[y * width..(y + 1) * width], &mut padded);
+            with_taps!(kernel, sum_along::<0>(&padded, out));
+        });
+        let pairs: [Pairs<'_>; ROWS] = std::array::from_fn(|k| recent.pairs((first + k) as isize, 0));
+        with_taps!(kernel, sum_across(&pairs, out, width));
     }
 }
 
 /// Twice the resolution, interpolated linearly and blurred by `sigma` fine cells: 2·`width` − 1 columns and
 /// 2·`height` − 1 rows, of which every other one lies on a coarse one.
 pub(super) fn double(from: &[f32], to: &mut [f32], width: usize, height: usize, sigma: f64) {
-    let [even, odd] = Kernel::doubling(sigma);
-    let reach = even.sides.len();
-    let row = |y: isize| {
-        let y = mirrored(y, height);
-        &from[y * width..(y + 1) * width]
-    };
+    let [even, odd] = &Kernel::doubling(sigma);
     let fine_width = 2 * width - 1;
-    let (mut across, mut padded) = (vec![0.0; width], vec![0.0; width + 2 * reach]);
+    let mut recent = Recent::new(fine_width, height);
+    let mut padded = padded_row(width);
     let (mut on, mut between) = (vec![0.0; width], vec![0.0; width]);
-    let mut pairs: [[&[f32]; 2]; MOST_TAPS] = [[&[]; 2]; MOST_TAPS];
     for (fine_y, out) in to.chunks_exact_mut(fine_width).take(2 * height - 1).enumerate() {
-        let (y, shifted) = (fine_y as isize / 2, fine_y as isize % 2);
-        let kernel = if shifted == 0 { &even } else { &odd };
-        let count = kernel.sides.len();
-        for (j, pair) in pairs[..count].iter_mut().enumerate() {
-            let j = j as isize + 1;
-            *pair = [row(y - j + shifted), row(y + j)];
-        }
-        sum_rows(kernel, row(y), &pairs[..count], &mut across);
-        extend(&across, reach, &mut padded);
-        sum_along(&even, &padded, reach, &mut on);
-        let mut sides: [[&[f32]; 2]; MOST_TAPS] = [[&[]; 2]; MOST_TAPS];
-        for (j, pair) in sides[..odd.sides.len()].iter_mut().enumerate() {
-            *pair = [&padded[reach - j..], &padded[reach + j + 1..]];
-        }
-        sum_rows(&odd, &padded[reach..], &sides[..odd.sides.len()], &mut between);
-        let (twos, rest) = out.as_chunks_mut::<2>();
-        for ((two, on), between) in twos.iter_mut().zip(&on).zip(&between) {
-            *two = [*on, *between];
-        }
-        if let (Some(rest), Some(on)) = (rest.first_mut(), on.last()) {
-            *rest = *on;
-        }
+        let (y, shifted) = (fine_y / 2, fine_y % 2);
+        recent.fill(y + MOST_TAPS, |y, out| {
+            extend(&from[y * width..(y + 1) * width], &mut padded);
+            with_taps!(even, sum_along::<0>(&padded, &mut on));
+            with_taps!(odd, sum_along::<1>(&padded, &mut between));
+            interleave(&on, &between, out);
+        });
+        let kernel = if shifted == 0 { even } else { odd };
+        with_taps!(kernel, sum_across(&[recent.pairs(y as isize, shifted as isize)], out, fine_width));
+    }
+}
+
+/// Values of two rows in turns, beginning and ending with the first.
+fn interleave(on: &[f32], between: &[f32], out: &mut [f32]) {
+    let (twos, rest) = out.as_chunks_mut::<2>();
+    for ((two, on), between) in twos.iter_mut().zip(on).zip(between) {
+        *two = [*on, *between];
+    }
+    if let (Some(rest), Some(on)) = (rest.first_mut(), on.last()) {
+        *rest = *on;
     }
 }

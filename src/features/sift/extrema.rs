@@ -11,7 +11,7 @@ const DIFFERENCES: usize = LEVELS - 1;
 pub(super) const RIM: usize = 5;
 /// How often the parabola may be moved to a neighbouring cell.
 const MOST_MOVES: usize = 5;
-const LANES: usize = 8;
+const LANES: usize = 16;
 
 /// Which extrema become key points.
 #[derive(Debug, Clone, Copy)]
@@ -93,9 +93,11 @@ impl Rows {
         let end = self.width - RIM;
         let mut x = RIM;
         while x + LANES <= end {
-            let extreme = extreme_among_six(here, &near, x, least);
-            if extreme.iter().fold(0, |any, one| any | one) != 0 {
-                (0..LANES).filter(|&k| extreme[k] != 0).for_each(|k| check(x + k));
+            if lanes::<LANES>(here, x).iter().fold(0, |any, v| any | u32::from(v.abs() > least)) != 0 {
+                let extreme = extreme_among_six(here, &near, x, least);
+                if extreme.iter().fold(0, |any, one| any | one) != 0 {
+                    (0..LANES).filter(|&k| extreme[k] != 0).for_each(|k| check(x + k));
+                }
             }
             x += LANES;
         }
