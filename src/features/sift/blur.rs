@@ -5,6 +5,7 @@
 
 /// Cells that are summed at once.
 const LANES: usize = 16;
+type Lanes = [f32; LANES];
 /// Rows that are summed at once.
 const ROWS: usize = 4;
 /// Taps to a side at most: the reach of the last filter of an octave.
@@ -110,18 +111,15 @@ fn by_lanes(width: usize, mut sum: impl FnMut(usize)) -> bool {
 /// group, so that a source row comes into the first cache once for all.
 fn sum_across<const TAPS: usize>(kernel: &Kernel, pairs: &[Pairs<'_>], out: &mut [f32], width: usize) {
     let taps: [f32; TAPS] = kernel.taps();
-    let done = by_lanes(width, |x| {
+    for group in 0..width.div_ceil(LANES) {
         for (out, (centre, pairs)) in out.chunks_exact_mut(width).zip(pairs) {
-            let pairs: &[[&[f32]; 2]; TAPS] = pairs.first_chunk().unwrap_or(&[[&[]; 2]; TAPS]);
-            let sums = sum_rows(kernel.middle, &taps, centre, pairs, x);
-            out[x..x + LANES].copy_from_slice(&sums);
-        }
-    });
-    if !done {
-        for (out, (centre, pairs)) in out.chunks_exact_mut(width).zip(pairs) {
-            for (x, out) in out.iter_mut().enumerate() {
-                let pairs = taps.iter().zip(pairs).map(|(tap, [a, b])| tap * (a[x] + b[x]));
-                *out = kernel.middle * centre[x] + pairs.sum::<f32>();
+            let pairs: &[[&[Lanes]; 2]; TAPS] = pairs.first_chunk().unwrap_or(&[[&[]; 2]; TAPS]);
+            let sums = sum_rows(kernel.middle, &taps, centre, pairs, group);
+            let rest = &mut out[group * LANES..];
+            if let Some(whole) = rest.first_chunk_mut() {
+                *whole = sums;
+            } else {
+                rest.iter_mut().zip(sums).for_each(|(out, sum)| *out = sum);
             }
         }
     }
@@ -131,13 +129,13 @@ fn sum_across<const TAPS: usize>(kernel: &Kernel, pairs: &[Pairs<'_>], out: &mut
 fn sum_rows<const TAPS: usize>(
     middle: f32,
     taps: &[f32; TAPS],
-    centre: &[f32],
-    pairs: &[[&[f32]; 2]; TAPS],
-    x: usize,
-) -> [f32; LANES] {
-    let mut sums = lanes::<LANES>(centre, x).map(|value| middle * value);
+    centre: &[Lanes],
+    pairs: &[[&[Lanes]; 2]; TAPS],
+    group: usize,
+) -> Lanes {
+    let mut sums = centre[group].map(|value| middle * value);
     for (tap, [a, b]) in taps.iter().zip(pairs) {
-        let (a, b) = (lanes::<LANES>(a, x), lanes::<LANES>(b, x));
+        let (a, b) = (&a[group], &b[group]);
         for k in 0..LANES {
             sums[k] += tap * (a[k] + b[k]);
         }
@@ -192,12 +190,13 @@ fn padded_row(width: usize) -> Vec<f32> {
 }
 
 /// A row, and those at the same distance before and after it.
-type Pairs<'a> = (&'a [f32], [[&'a [f32]; 2]; MOST_TAPS]);
+type Pairs<'a> = (&'a [Lanes], [[&'a [Lanes]; 2]; MOST_TAPS]);
 
 /// The last rows that went through the pass along them.
 struct Recent {
-    values: Vec<f32>,
-    /// An odd number of cache lines: rows a power of two apart would throw one another out of the first cache.
+    values: Vec<Lanes>,
+    /// Groups of lanes from a row to the next. Odd: rows a power of two apart would throw one another out of the first
+    /// cache.
     stride: usize,
     width: usize,
     /// Rows that the picture has, and rows done.
@@ -210,22 +209,23 @@ impl Recent {
     const ROWS: usize = 32;
 
     fn new(width: usize, height: usize) -> Self {
-        let stride = (width.div_ceil(LANES) | 1) * LANES;
-        Self { values: vec![0.0; stride * Self::ROWS], stride, width, height, done: 0 }
+        let stride = width.div_ceil(LANES) | 1;
+        Self { values: vec![[0.0; LANES]; stride * Self::ROWS], stride, width, height, done: 0 }
     }
 
     /// Goes on up to a row, inclusive.
     fn fill(&mut self, last: usize, mut filter: impl FnMut(usize, &mut [f32])) {
         while self.done < self.height && self.done <= last {
             let start = self.done % Self::ROWS * self.stride;
-            filter(self.done, &mut self.values[start..start + self.width]);
+            let row = self.values[start..start + self.stride].as_flattened_mut();
+            filter(self.done, &mut row[..self.width]);
             self.done += 1;
         }
     }
 
-    fn row(&self, y: isize) -> &[f32] {
+    fn row(&self, y: isize) -> &[Lanes] {
         let start = mirrored(y, self.height) % Self::ROWS * self.stride;
-        &self.values[start..start + self.width]
+        &self.values[start..start + self.stride]
     }
 
     /// A row and the pairs about it, or about the middle between it and the next.
