@@ -112,7 +112,7 @@ fn described(
     let Some(covariance) = covariance(&extremum.hessian, &of_gradients[level - 1]) else { return };
     let (x, y, scale) = (extremum.at.x, extremum.at.y, sigma_at(extremum.at.z));
     let cells = Level::of(octave, level);
-    for orientation_rad in orientation::orientations(cells, x.round(), y.round(), scale) {
+    for orientation_rad in orientation::orientations(cells, x, y, scale) {
         found.push(KeyPoint {
             // the middle of the first cell is that of the picture's first
             at_px: Vector2::new(x, y) * octave.cell_px + Vector2::repeat(0.5),
