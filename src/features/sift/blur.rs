@@ -205,17 +205,17 @@ struct Recent {
 }
 
 impl Recent {
-    /// As many as are needed at once, or more.
-    const ROWS: usize = 32;
+    /// As many as are needed at once.
+    const ROWS: usize = ROWS + 2 * MOST_TAPS;
 
     fn new(width: usize, height: usize) -> Self {
         let stride = width.div_ceil(LANES) | 1;
         Self { values: vec![[0.0; LANES]; stride * Self::ROWS], stride, width, height, done: 0 }
     }
 
-    /// Goes on up to a row, inclusive.
-    fn fill(&mut self, last: usize, mut filter: impl FnMut(usize, &mut [f32])) {
-        while self.done < self.height && self.done <= last {
+    /// Goes on until there are so many.
+    fn fill(&mut self, count: usize, mut filter: impl FnMut(usize, &mut [f32])) {
+        while self.done < self.height.min(count) {
             let start = self.done % Self::ROWS * self.stride;
             let row = self.values[start..start + self.stride].as_flattened_mut();
             filter(self.done, &mut row[..self.width]);
@@ -235,18 +235,34 @@ impl Recent {
     }
 }
 
-/// Blurs a picture. `to` holds at least `width` · `height` cells.
-pub(super) fn blur(from: &[f32], to: &mut [f32], width: usize, height: usize, kernel: &Kernel) {
-    let mut recent = Recent::new(width, height);
-    let mut padded = padded_row(width);
-    for (group, out) in to[..width * height].chunks_mut(ROWS * width).enumerate() {
-        let first = group * ROWS;
-        recent.fill(first + ROWS - 1 + MOST_TAPS, |y, out| {
-            extend(&from[y * width..(y + 1) * width], &mut padded);
-            with_taps!(kernel, sum_along::<0>(&padded, out));
+/// Blurs a picture, a few rows at a time: what follows finds them in the cache.
+pub(super) struct Blur<'a> {
+    kernel: &'a Kernel,
+    recent: Recent,
+    padded: Vec<f32>,
+    /// Rows written.
+    pub(super) written: usize,
+}
+
+impl<'a> Blur<'a> {
+    pub(super) fn new(kernel: &'a Kernel, width: usize, height: usize) -> Self {
+        Self { kernel, recent: Recent::new(width, height), padded: padded_row(width), written: 0 }
+    }
+
+    /// The next rows, if there are enough of the source's: so many are there.
+    pub(super) fn advance(&mut self, from: &[f32], there: usize, to: &mut [f32]) {
+        let Self { kernel, recent, padded, written } = self;
+        let (width, height, first) = (recent.width, recent.height, *written);
+        if first == height || there < height.min(first + ROWS + kernel.sides.len()) {
+            return;
+        }
+        recent.fill(there.min(first + ROWS + kernel.sides.len()), |y, out| {
+            extend(&from[y * width..(y + 1) * width], padded);
+            with_taps!(kernel, sum_along::<0>(padded, out));
         });
         let pairs: [Pairs<'_>; ROWS] = std::array::from_fn(|k| recent.pairs((first + k) as isize, 0));
-        with_taps!(kernel, sum_across(&pairs, out, width));
+        *written = height.min(first + ROWS);
+        with_taps!(kernel, sum_across(&pairs, &mut to[first * width..*written * width], width));
     }
 }
 
@@ -260,7 +276,7 @@ pub(super) fn double(from: &[f32], to: &mut [f32], width: usize, height: usize, 
     let (mut on, mut between) = (vec![0.0; width], vec![0.0; width]);
     for (fine_y, out) in to.chunks_exact_mut(fine_width).take(2 * height - 1).enumerate() {
         let (y, shifted) = (fine_y / 2, fine_y % 2);
-        recent.fill(y + MOST_TAPS, |y, out| {
+        recent.fill(y + 1 + MOST_TAPS, |y, out| {
             extend(&from[y * width..(y + 1) * width], &mut padded);
             with_taps!(even, sum_along::<0>(&padded, &mut on));
             with_taps!(odd, sum_along::<1>(&padded, &mut between));

@@ -1,6 +1,6 @@
 //! The scale space: each octave a stack of ever more blurred pictures (Lowe 2004, section 3).
 
-use super::blur::{Kernel, blur, double};
+use super::blur::{Blur, Kernel, double};
 
 /// Scales at which key points are looked for in an octave (Lowe's s).
 pub(super) const INTERVALS: usize = 3;
@@ -44,7 +44,11 @@ impl Octave {
         if upsampled {
             double(grey, &mut octave.levels[0], width, height, missing);
         } else {
-            blur(grey, &mut octave.levels[0], width, height, &Kernel::gaussian(missing));
+            let kernel = Kernel::gaussian(missing);
+            let mut blur = Blur::new(&kernel, width, height);
+            while blur.written < height {
+                blur.advance(grey, height, &mut octave.levels[0]);
+            }
         }
         octave.blur_further();
         octave
@@ -63,11 +67,17 @@ impl Octave {
         self.blur_further();
     }
 
+    /// All levels but the first, in step, a few rows of each in turn.
     fn blur_further(&mut self) {
-        for (k, kernel) in self.kernels.iter().enumerate() {
-            let (done, to_do) = self.levels.split_at_mut(k + 1);
-            if let (Some(from), Some(to)) = (done.last(), to_do.first_mut()) {
-                blur(from, to, self.width, self.height, kernel);
+        let mut blurs = self.kernels.each_ref().map(|kernel| Blur::new(kernel, self.width, self.height));
+        while blurs.last().is_some_and(|last| last.written < self.height) {
+            let mut there = self.height;
+            for (k, blur) in blurs.iter_mut().enumerate() {
+                let (done, to_do) = self.levels.split_at_mut(k + 1);
+                if let (Some(from), Some(to)) = (done.last(), to_do.first_mut()) {
+                    blur.advance(from, there, to);
+                }
+                there = blur.written;
             }
         }
     }
