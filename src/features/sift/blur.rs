@@ -53,10 +53,7 @@ impl Kernel {
         let scaled = |taps: &[f32], sum: f32| taps.iter().map(|tap| tap / sum).collect::<Vec<_>>();
         let (sum_even, sum_odd) = (2.0 * even.iter().sum::<f32>() - even[0], 2.0 * odd.iter().sum::<f32>());
         let even = scaled(&even, sum_even);
-        [
-            Self { middle: even[0], sides: even[1..].to_vec() },
-            Self { middle: 0.0, sides: scaled(&odd, sum_odd) },
-        ]
+        [Self { middle: even[0], sides: even[1..].to_vec() }, Self { middle: 0.0, sides: scaled(&odd, sum_odd) }]
     }
 
     /// The taps to one side, and zeros beyond them.
@@ -163,7 +160,11 @@ fn sum_along<const TAPS: usize, const BETWEEN: usize>(kernel: &Kernel, padded: &
 const NEAR: usize = LANES + 2 * MOST_TAPS;
 
 #[inline(always)]
-fn sum_near<const TAPS: usize, const BETWEEN: usize>(middle: f32, taps: &[f32; TAPS], near: &[f32; NEAR]) -> [f32; LANES] {
+fn sum_near<const TAPS: usize, const BETWEEN: usize>(
+    middle: f32,
+    taps: &[f32; TAPS],
+    near: &[f32; NEAR],
+) -> [f32; LANES] {
     let mut sums: [f32; LANES] = std::array::from_fn(|k| middle * near[MOST_TAPS + k]);
     for j in 0..TAPS.min(MOST_TAPS) {
         let (before, after) = (MOST_TAPS - 1 - j + BETWEEN, MOST_TAPS + 1 + j);

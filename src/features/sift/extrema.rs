@@ -83,8 +83,7 @@ impl Rows {
         let row = |difference: usize, y: usize| self.rows[difference][y % 3].as_slice();
         let near = [row(level, y - 1), row(level, y + 1), row(level - 1, y), row(level + 1, y)];
         let here = row(level, y);
-        let all: [&[f32]; 9] =
-            std::array::from_fn(|k| row(level - 1 + k / 3, y - 1 + k % 3));
+        let all: [&[f32]; 9] = std::array::from_fn(|k| row(level - 1 + k / 3, y - 1 + k % 3));
         let mut check = |x: usize| {
             if is_extreme(here[x], &all, x) {
                 found(x);
@@ -125,7 +124,11 @@ fn extreme_among_six(here: &[f32], near: &[&[f32]; 4], x: usize, least: f32) -> 
 
 fn is_extreme(value: f32, rows: &[&[f32]; 9], x: usize) -> bool {
     let all = rows.iter().flat_map(|row| lanes::<3>(row, x - 1));
-    if value > 0.0 { all.fold(true, |so_far, v| so_far & (value >= v)) } else { all.fold(true, |so_far, v| so_far & (value <= v)) }
+    if value > 0.0 {
+        all.fold(true, |so_far, v| so_far & (value >= v))
+    } else {
+        all.fold(true, |so_far, v| so_far & (value <= v))
+    }
 }
 
 /// D and its derivatives at a cell.
@@ -141,8 +144,7 @@ fn derivatives(octave: &Octave, [level, y, x]: [usize; 3]) -> Derivatives {
         f64::from(octave.levels[level + 1][at] - octave.levels[level][at])
     };
     let value = d(1, 1, 1);
-    let gradient =
-        0.5 * Vector3::new(d(1, 1, 2) - d(1, 1, 0), d(1, 2, 1) - d(1, 0, 1), d(2, 1, 1) - d(0, 1, 1));
+    let gradient = 0.5 * Vector3::new(d(1, 1, 2) - d(1, 1, 0), d(1, 2, 1) - d(1, 0, 1), d(2, 1, 1) - d(0, 1, 1));
     let xx = d(1, 1, 2) + d(1, 1, 0) - 2.0 * value;
     let yy = d(1, 2, 1) + d(1, 0, 1) - 2.0 * value;
     let ss = d(2, 1, 1) + d(0, 1, 1) - 2.0 * value;

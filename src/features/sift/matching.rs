@@ -53,8 +53,9 @@ pub fn ratio_matches(from: &[KeyPoint], to: &[KeyPoint], largest_ratio: f32) -> 
     nearest.iter().enumerate().filter_map(|(from, nearest)| nearest.matched(from, largest_ratio)).collect()
 }
 
-/// A descriptor in the numbers that are multiplied.
+/// A descriptor in the numbers that are multiplied, where they can be fetched eight at a time.
 #[derive(Clone, Copy)]
+#[repr(align(16))]
 struct Wide {
     numbers: [i16; NUMBERS],
     squared: i32,
@@ -68,8 +69,16 @@ fn widened(points: &[KeyPoint]) -> Vec<Wide> {
     points.iter().map(wide).collect()
 }
 
+/// Eight sums side by side: so the compiler finds the instruction that multiplies and adds neighbours.
+#[inline(always)]
 fn dot(a: &[i16; NUMBERS], b: &[i16; NUMBERS]) -> i32 {
-    a.iter().zip(b).map(|(a, b)| i32::from(*a) * i32::from(*b)).sum()
+    let mut sums = [0_i32; 8];
+    for (a, b) in a.as_chunks::<8>().0.iter().zip(b.as_chunks::<8>().0) {
+        for k in 0..8 {
+            sums[k] += i32::from(a[k]) * i32::from(b[k]);
+        }
+    }
+    sums.iter().sum()
 }
 
 /// Squared distances of the nearest and the second nearest.
@@ -106,13 +115,8 @@ impl Nearest {
 #[inline(always)]
 fn look_at<const N: usize>(these: &[Wide; N], targets: &[Wide], first: usize, nearest: &mut [Nearest; N]) {
     for (k, target) in targets.iter().enumerate() {
-        let mut products = [0_i32; N];
-        for j in 0..NUMBERS {
-            for (product, this) in products.iter_mut().zip(these) {
-                *product += i32::from(this.numbers[j]) * i32::from(target.numbers[j]);
-            }
-        }
-        for ((nearest, this), product) in nearest.iter_mut().zip(these).zip(products) {
+        for (nearest, this) in nearest.iter_mut().zip(these) {
+            let product = dot(&this.numbers, &target.numbers);
             nearest.see(first + k, this.squared + target.squared - 2 * product);
         }
     }

@@ -109,8 +109,7 @@ fn rotating_the_picture_by_a_quarter_rotates_the_key_points() {
     // such a side that every octave begins and ends with a cell of the one before
     const SIDE: usize = 129;
     let grey = drawn(SIDE, SIDE, |at| grey_at(&texture(SIDE as f64, 170), at));
-    let rotated: Vec<f32> =
-        (0..SIDE * SIDE).map(|k| grey[(SIDE - 1 - k % SIDE) * SIDE + k / SIDE]).collect();
+    let rotated: Vec<f32> = (0..SIDE * SIDE).map(|k| grey[(SIDE - 1 - k % SIDE) * SIDE + k / SIDE]).collect();
     let (before, after) =
         (key_points(&grey, SIDE, SIDE, &Settings::default()), key_points(&rotated, SIDE, SIDE, &Settings::default()));
     assert!(before.len() > 50, "{}", before.len());
@@ -223,8 +222,12 @@ fn the_covariance_is_the_scatter_in_noise() {
     const RUNS: usize = 300;
     const NOISE: f64 = 4.0;
     let spot = |x: f64, y: f64, sigma: f64, height: f64| Spot { at: Vector2::new(x, y), sigma, height };
-    let spots =
-        [spot(25.3, 26.1, 1.6, 100.0), spot(80.6, 25.0, 3.0, -70.0), spot(30.5, 78.4, 5.0, 70.0), spot(82.0, 80.0, 7.0, -50.0)];
+    let spots = [
+        spot(25.3, 26.1, 1.6, 100.0),
+        spot(80.6, 25.0, 3.0, -70.0),
+        spot(30.5, 78.4, 5.0, 70.0),
+        spot(82.0, 80.0, 7.0, -50.0),
+    ];
     let clean = drawn(SIDE, SIDE, |at| grey_at(&spots, at));
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let (mut offsets, mut told) = (vec![Vec::new(); spots.len()], vec![Matrix2::zeros(); spots.len()]);
@@ -232,9 +235,8 @@ fn the_covariance_is_the_scatter_in_noise() {
         let noisy: Vec<f32> = clean.iter().map(|grey| grey + (NOISE * normal(&mut rng)) as f32).collect();
         let found = key_points(&noisy, SIDE, SIDE, &Settings::default());
         for (k, spot) in spots.iter().enumerate() {
-            let is_it = |p: &&KeyPoint| {
-                (p.at_px - spot.at).norm() < 2.0 && (p.scale_px / scale_of(spot)).ln().abs() < 0.3
-            };
+            let is_it =
+                |p: &&KeyPoint| (p.at_px - spot.at).norm() < 2.0 && (p.scale_px / scale_of(spot)).ln().abs() < 0.3;
             if let Some(point) = found.iter().find(is_it) {
                 offsets[k].push(point.at_px - spot.at);
                 told[k] += point.covariance;
@@ -313,7 +315,8 @@ fn opencv_finds_the_same() {
         let numbers: Vec<f64> = line.split(',').map(|n| n.parse().unwrap()).collect();
         let at = Vector2::new(numbers[0] + 0.5, numbers[1] + 0.5);
         let descriptor = Descriptor(std::array::from_fn(|k| numbers[4 + k] as u8));
-        let is_there = |p: &&KeyPoint| (p.at_px - at).norm() < 0.15 && (2.0 * p.scale_px / numbers[2] - 1.0).abs() < 0.05;
+        let is_there =
+            |p: &&KeyPoint| (p.at_px - at).norm() < 0.15 && (2.0 * p.scale_px / numbers[2] - 1.0).abs() < 0.05;
         let is_alike = |p: &KeyPoint| {
             angle_between(p.orientation_rad, numbers[3].to_radians()) < 3_f64.to_radians()
                 && squared_distance(&p.descriptor, &descriptor) < 80 * 80
