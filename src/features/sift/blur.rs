@@ -166,10 +166,10 @@ fn sum_near<const TAPS: usize, const BETWEEN: usize>(
     near: &[f32; NEAR],
 ) -> [f32; LANES] {
     let mut sums: [f32; LANES] = std::array::from_fn(|k| middle * near[MOST_TAPS + k]);
-    for j in 0..TAPS.min(MOST_TAPS) {
+    for (j, tap) in taps.iter().take(MOST_TAPS).enumerate() {
         let (before, after) = (MOST_TAPS - 1 - j + BETWEEN, MOST_TAPS + 1 + j);
         for k in 0..LANES {
-            sums[k] += taps[j] * (near[before + k] + near[after + k]);
+            sums[k] += tap * (near[before + k] + near[after + k]);
         }
     }
     sums
