@@ -16,6 +16,7 @@ mod peer;
 mod pipeline;
 mod resection;
 mod segments;
+mod sift;
 mod table;
 mod windows;
 
@@ -36,6 +37,7 @@ const BENCHES: &[(&str, Bench)] = &[
     ("F7", resection::bench_lines),
     ("F8", resection::bench_subsets),
     ("F9", pipeline::bench),
+    ("F10", sift::bench),
     ("F11", classifier::bench),
 ];
 

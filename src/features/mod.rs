@@ -3,6 +3,7 @@
 pub mod edgels;
 pub mod picture;
 pub mod segments;
+pub mod sift;
 pub(crate) mod smooth;
 
 pub use picture::{GreyWindow, Picture, PictureError, PixelRect};
