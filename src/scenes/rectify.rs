@@ -29,6 +29,18 @@ pub struct Layout {
     pub reference_m: Vector2<f64>,
 }
 
+/// A rectified picture, and how well it lies on the ground.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rectified {
+    /// The picture; north is up.
+    pub scene: Scene,
+    /// Standard deviation of the shift of the scene as a whole against its reference, which the errors of the resection
+    /// make.
+    pub sigma_shift_m: f64,
+    /// The same of the corner of the scene where it is largest: far away from the template errors of the tilt grow.
+    pub sigma_corner_m: f64,
+}
+
 /// Why a picture cannot be rectified.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -141,7 +153,7 @@ pub fn rectify(
     camera: &Fisheye,
     resection: &NadirResection,
     layout: &Layout,
-) -> Result<Scene, RectifyError> {
+) -> Result<Rectified, RectifyError> {
     let [width, height] = camera.size_px().map(|side| side as usize);
     if (picture.width, picture.height) != (width, height) {
         let (width, height) = (picture.width, picture.height);
@@ -175,7 +187,11 @@ pub fn rectify(
             north_m: -gsd_m * f64::from(rows.start),
         });
     }
-    Ok(Scene {
+    let corners = [columns.start, columns.end].map(|x| [rows.start, rows.end].map(|y| ground_m(x, y))).concat();
+    let sigma_m = |places: &[Vector3<f64>]| resection.sigma_ground_m(places).ok_or_else(no_ground);
+    let sigma_corner_m = corners.iter().try_fold(0.0, |most, corner| sigma_m(&[*corner]).map(|s| s.max(most)))?;
+    let sigma_shift_m = sigma_m(&spread_over(&corners))?;
+    let scene = Scene {
         width: columns.len(),
         height: rows.len(),
         grey: resampled(picture, &cells, pixel),
@@ -183,7 +199,16 @@ pub fn rectify(
         azimuth_of_image_up_rad: 0.0,
         sigma_azimuth_rad: layout.sigma_bearing_rad.hypot(resection.sigma_azimuth_rad()),
         reference_px: Vector2::new(f64::from(-columns.start), f64::from(-rows.start)),
-    })
+    };
+    Ok(Rectified { scene, sigma_shift_m, sigma_corner_m })
+}
+
+/// Places all over a parallelogram, given a corner and its two neighbours.
+fn spread_over(corners: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    const PLACES: u32 = 5;
+    let share = |k: u32| (f64::from(k) + 0.5) / f64::from(PLACES);
+    let &[a, b, c, _] = corners else { return Vec::new() };
+    (0..PLACES * PLACES).map(|k| a + (b - a) * share(k % PLACES) + (c - a) * share(k / PLACES)).collect()
 }
 
 #[cfg(test)]
@@ -238,17 +263,22 @@ mod tests {
 
     #[test]
     fn the_scene_is_what_is_seen_at_less_than_the_largest_incidence() {
-        let scene = rectify(&grey(), &camera(), &resection(0.0), &layout()).unwrap();
+        let rectified = rectify(&grey(), &camera(), &resection(0.0), &layout()).unwrap();
+        let scene = &rectified.scene;
         // 4 m tan(1 rad) = 6.23 m; the frame cuts the circle, and so the rectangle is no square of 8.8 m
         let (across_m, up_m) = (scene.width as f64 * 0.05, scene.height as f64 * 0.05);
         assert!(across_m.hypot(up_m) <= 2.0 * 6.24 && across_m * up_m > 55.0, "{across_m} x {up_m} m");
         assert!(scene.grey.iter().all(|grey| (grey - 90.0).abs() < 1e-3));
         assert!((scene.sigma_azimuth_rad - 0.03_f64.hypot(1e-3)).abs() < 1e-9);
+        // a millimetre in the place and 4 m times 1 mrad in the tilt
+        assert!((rectified.sigma_shift_m / 4.2e-3 - 1.0).abs() < 0.5, "{}", rectified.sigma_shift_m);
+        assert!(rectified.sigma_corner_m > 2.0 * rectified.sigma_shift_m);
         // the point below the camera is where it was
         let below = layout().east_north_m(Vector2::new(0.3, 0.2));
         let middle = Vector2::new(scene.width as f64, scene.height as f64) / 2.0;
         assert!((scene.pixel_from_ground(below) - middle).norm() < 12.0);
-        let small = rectify(&grey(), &camera(), &resection(0.0), &Layout { largest_side_m: 2.0, ..layout() }).unwrap();
+        let small = Layout { largest_side_m: 2.0, ..layout() };
+        let small = rectify(&grey(), &camera(), &resection(0.0), &small).unwrap().scene;
         assert_eq!((small.width, small.height), (40, 40));
     }
 

@@ -6,7 +6,7 @@
 
 use nalgebra::{Complex, Matrix2, Matrix2x6, Matrix6, Vector2, Vector3};
 
-use crate::estimation::NormalEquations;
+use crate::estimation::{NormalEquations, largest_sigma};
 use crate::geometry::{ExteriorOrientation, Fisheye, rotation};
 
 /// A target of the template that was measured in the picture.
@@ -93,6 +93,20 @@ impl NadirResection {
         let vertical = self.orientation.camera_from_object * Vector3::z();
         let theta = self.covariance.fixed_view::<3, 3>(3, 3);
         vertical.dot(&(theta * vertical)).max(0.0).sqrt()
+    }
+
+    /// Standard deviation, in the direction in which it is largest, of the mean displacement that the orientation's errors
+    /// give the rectified ground at some places of the template's frame; `None` for places that are not below the camera.
+    #[must_use]
+    pub fn sigma_ground_m(&self, places_m: &[Vector3<f64>]) -> Option<f64> {
+        let mut by_step = Matrix2x6::zeros();
+        for place_m in places_m {
+            // the pixel stays: by X the ray's image changes as by -X0
+            let (_, jacobian) = self.orientation.reduced_px_with_jacobian(1.0, *place_m)?;
+            by_step += jacobian.fixed_columns::<2>(0).try_inverse()? * jacobian;
+        }
+        by_step /= places_m.len() as f64;
+        Some(largest_sigma(&(by_step * self.covariance * by_step.transpose())))
     }
 
     /// Ground sample distance of the raw picture right below the camera, on the plane at a height in the template's
