@@ -170,14 +170,8 @@ impl Fisheye {
         let outward = if across > ON_AXIS * length { direction.xy() / across } else { Vector2::zeros() };
         let (x, y) = (direction.x, -direction.y);
         let (by_x, by_y) = (scale_by_across * outward.x, scale_by_across * outward.y);
-        let projected_by_direction = Matrix2x3::new(
-            scale + x * by_x,
-            x * by_y,
-            x * scale_by_z,
-            y * by_x,
-            -scale + y * by_y,
-            y * scale_by_z,
-        );
+        let projected_by_direction =
+            Matrix2x3::new(scale + x * by_x, x * by_y, x * scale_by_z, y * by_x, -scale + y * by_y, y * scale_by_z);
         let distortion = &self.interior.distortion;
         let bent_by_projected = distortion.jacobian(Vector2::new(x, y) * scale);
         let c = self.interior.principal_distance_px;
@@ -294,8 +288,7 @@ mod tests {
 
     #[test]
     fn jacobian_agrees_with_finite_differences() {
-        let directions =
-            [[0.3, -0.5, -1.2], [2.0, 1.0, -0.4], [1e-4, 2e-4, -1.0], [0.0, 0.0, -2.5], [-1.0, 0.1, -4.0]];
+        let directions = [[0.3, -0.5, -1.2], [2.0, 1.0, -0.4], [1e-4, 2e-4, -1.0], [0.0, 0.0, -2.5], [-1.0, 0.1, -4.0]];
         for projection in ALL {
             let camera = camera(projection, Brown { k2: 0.0, k3: 0.0, ..distortion() });
             for direction in directions.map(Vector3::from) {
@@ -307,7 +300,12 @@ mod tests {
                     let h = Vector3::ith(axis, 1e-6);
                     let at = |d| camera.pixel_from_direction(d).unwrap();
                     let numeric = (at(direction + h) - at(direction - h)) / 2e-6;
-                    assert_relative_eq!(jacobian.column(axis).into_owned(), numeric, epsilon = 1e-3, max_relative = 1e-6);
+                    assert_relative_eq!(
+                        jacobian.column(axis).into_owned(),
+                        numeric,
+                        epsilon = 1e-3,
+                        max_relative = 1e-6
+                    );
                 }
             }
         }
@@ -315,16 +313,12 @@ mod tests {
 
     #[test]
     fn cameras_that_make_no_sense_are_refused() {
-        let refused = |size, c, x, d| {
-            Fisheye::new(size, Projection::Equisolid, c, Vector2::new(x, 1.0), d).unwrap_err()
-        };
+        let refused =
+            |size, c, x, d| Fisheye::new(size, Projection::Equisolid, c, Vector2::new(x, 1.0), d).unwrap_err();
         let none = Brown::default();
         assert!(matches!(refused([0, 9], 1.0, 1.0, none), CameraError::EmptyFrame { .. }));
         assert!(matches!(refused([9, 9], 0.0, 1.0, none), CameraError::PrincipalDistance { .. }));
-        assert_eq!(
-            refused([9, 9], 1.0, f64::NAN, none),
-            CameraError::NotFinite { name: "principal_point_px" }
-        );
+        assert_eq!(refused([9, 9], 1.0, f64::NAN, none), CameraError::NotFinite { name: "principal_point_px" });
         let infinite = Brown { k3: f64::INFINITY, ..none };
         assert_eq!(refused([9, 9], 1.0, 1.0, infinite), CameraError::NotFinite { name: "k3" });
     }

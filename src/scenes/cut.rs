@@ -45,7 +45,9 @@ pub enum CutError {
         height: u32,
     },
     /// Nothing could be found with so few pixels.
-    #[error("a scene of {width} x {height} px is too small: make it larger, or take an ortho-photo of finer resolution")]
+    #[error(
+        "a scene of {width} x {height} px is too small: make it larger, or take an ortho-photo of finer resolution"
+    )]
     TooSmall {
         /// Columns.
         width: usize,

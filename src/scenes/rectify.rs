@@ -108,10 +108,7 @@ impl Layout {
     fn east_north_m(&self, template_m: Vector2<f64>) -> Vector2<f64> {
         let (sin, cos) = self.azimuth_of_y_rad.sin_cos();
         let from_reference = template_m - self.reference_m;
-        Vector2::new(
-            from_reference.x * cos + from_reference.y * sin,
-            from_reference.y * cos - from_reference.x * sin,
-        )
+        Vector2::new(from_reference.x * cos + from_reference.y * sin, from_reference.y * cos - from_reference.x * sin)
     }
 
     fn check(&self, camera_height_m: f64) -> Result<(), RectifyError> {
@@ -163,9 +160,7 @@ pub fn rectify(
     layout.check(centre_m.z)?;
     let gsd_m = layout.gsd_m;
     let ground_m = |x: i32, y: i32| layout.template_m(gsd_m * f64::from(x), -gsd_m * f64::from(y));
-    let pixel = |x: i32, y: i32| {
-        camera.pixel_from_direction(resection.orientation.camera_coordinates(ground_m(x, y)))
-    };
+    let pixel = |x: i32, y: i32| camera.pixel_from_direction(resection.orientation.camera_coordinates(ground_m(x, y)));
     let covered = |x: i32, y: i32| {
         let ray = ground_m(x, y) - centre_m;
         ray.xy().norm().atan2(-ray.z) <= layout.largest_incidence_rad

@@ -53,7 +53,8 @@ pub(super) fn resampled(
     cells: &Cells,
     pixel: impl Fn(i32, i32) -> Option<Vector2<f64>> + Sync,
 ) -> Vec<f32> {
-    let corners_in = |row: i32| -> Vec<_> { (cells.columns.start..=cells.columns.end).map(|x| pixel(x, row)).collect() };
+    let corners_in =
+        |row: i32| -> Vec<_> { (cells.columns.start..=cells.columns.end).map(|x| pixel(x, row)).collect() };
     let rows: Vec<Vec<f32>> = cells
         .rows
         .clone()

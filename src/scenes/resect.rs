@@ -53,7 +53,9 @@ pub enum ResectError {
     #[error("the targets lie on one line: at least one must lie on the other arm")]
     Collinear,
     /// A pixel where the lens images nothing.
-    #[error("target {number} was measured where this camera sees no ground: outside its image circle or above the horizon")]
+    #[error(
+        "target {number} was measured where this camera sees no ground: outside its image circle or above the horizon"
+    )]
     Unseen {
         /// Which target, counted from 1.
         number: usize,
@@ -195,11 +197,7 @@ fn similarity(from: &[Complex<f64>], to: &[Complex<f64>]) -> (Complex<f64>, Comp
 }
 
 /// The pixel of a target and its derivatives by the step `[dX0, theta]`.
-fn computed(
-    target: &Target,
-    camera: &Fisheye,
-    at: &ExteriorOrientation,
-) -> Option<(Vector2<f64>, Matrix2x6<f64>)> {
+fn computed(target: &Target, camera: &Fisheye, at: &ExteriorOrientation) -> Option<(Vector2<f64>, Matrix2x6<f64>)> {
     let u = at.camera_coordinates(target.template_m);
     let (pixel, by_u) = camera.pixel_with_jacobian(u)?;
     // du/dX0 = -R, du/dtheta = [u]x
@@ -209,12 +207,7 @@ fn computed(
     Some((pixel, jacobian))
 }
 
-fn equations(
-    targets: &[Target],
-    camera: &Fisheye,
-    at: &ExteriorOrientation,
-    sigma_px: f64,
-) -> Option<NormalEquations> {
+fn equations(targets: &[Target], camera: &Fisheye, at: &ExteriorOrientation, sigma_px: f64) -> Option<NormalEquations> {
     let weight = Matrix2::identity() / sigma_px.powi(2);
     let mut equations = NormalEquations::new();
     for target in targets {
@@ -309,8 +302,10 @@ mod tests {
         assert_eq!(refused(&odd), ResectError::NotFinite { number: 3 });
         odd[2].pixel.x = 1e5;
         assert_eq!(refused(&odd), ResectError::Unseen { number: 3 });
-        let exchanged: Vec<_> =
-            good.iter().map(|t| Target { template_m: Vector3::new(t.template_m.y, t.template_m.x, 0.0), ..*t }).collect();
+        let exchanged: Vec<_> = good
+            .iter()
+            .map(|t| Target { template_m: Vector3::new(t.template_m.y, t.template_m.x, 0.0), ..*t })
+            .collect();
         assert_eq!(refused(&exchanged), ResectError::Mirrored);
     }
 
@@ -321,9 +316,7 @@ mod tests {
         targets[4].pixel.x += 20.0;
         let found = resect(&targets, &camera, 0.5).unwrap();
         assert!(found.sigma0 > 10.0, "{}", found.sigma0);
-        let worst = (0..7).max_by(|a, b| {
-            found.residuals_px[*a].norm().total_cmp(&found.residuals_px[*b].norm())
-        });
+        let worst = (0..7).max_by(|a, b| found.residuals_px[*a].norm().total_cmp(&found.residuals_px[*b].norm()));
         assert_eq!(worst, Some(4));
     }
 }

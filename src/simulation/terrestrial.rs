@@ -12,17 +12,8 @@ use crate::geometry::{Brown, CameraError, ExteriorOrientation, Fisheye, Projecti
 use crate::scenes::resect::Target;
 
 /// Targets on a right-angle template with arms of 1.6 m: metres in its frame.
-pub const TEMPLATE_M: [[f64; 2]; 9] = [
-    [0.0, 0.0],
-    [0.4, 0.0],
-    [0.8, 0.0],
-    [1.2, 0.0],
-    [1.6, 0.0],
-    [0.0, 0.4],
-    [0.0, 0.8],
-    [0.0, 1.2],
-    [0.0, 1.6],
-];
+pub const TEMPLATE_M: [[f64; 2]; 9] =
+    [[0.0, 0.0], [0.4, 0.0], [0.8, 0.0], [1.2, 0.0], [1.6, 0.0], [0.0, 0.4], [0.0, 0.8], [0.0, 1.2], [0.0, 1.6]];
 
 /// A fish-eye camera above the ground, and a template below it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,8 +81,7 @@ impl TerrestrialView {
     #[must_use]
     pub fn ground_m(&self, template_m: Vector2<f64>) -> Vector2<f64> {
         let (sin, cos) = self.azimuth_of_y_rad.sin_cos();
-        self.corner_m
-            + Vector2::new(template_m.x * cos + template_m.y * sin, template_m.y * cos - template_m.x * sin)
+        self.corner_m + Vector2::new(template_m.x * cos + template_m.y * sin, template_m.y * cos - template_m.x * sin)
     }
 
     /// The picture of a ground whose grey (0 to 255) is known at each east and north, row by row. Each pixel is the mean
@@ -113,9 +103,8 @@ impl TerrestrialView {
         let row = |y: u32| {
             (0..width).map(move |x| {
                 let offset = |k: u32| (f64::from(k) + 0.5) / f64::from(RAYS);
-                let rays = (0..RAYS * RAYS).map(|k| {
-                    Vector2::new(f64::from(x) + offset(k % RAYS), f64::from(y) + offset(k / RAYS))
-                });
+                let rays = (0..RAYS * RAYS)
+                    .map(|k| Vector2::new(f64::from(x) + offset(k % RAYS), f64::from(y) + offset(k / RAYS)));
                 let mean = rays.map(grey_along).sum::<f64>() / f64::from(RAYS * RAYS);
                 let noise = self.sigma_grey * f64::from(pixel_deviate(x as i32, y as i32, seed as u32));
                 (mean + noise).round().clamp(0.0, 255.0) as u8
@@ -198,7 +187,8 @@ mod tests {
     /// By how much a scene is shifted against what it should be, in pixels, by least squares.
     fn shift_px(scene: &Scene, corner_m: Vector2<f64>) -> Vector2<f64> {
         let at = |x: f64, y: f64| truth(scene, corner_m, Vector2::new(x, y));
-        let (here, right, left, below, above) = (at(0.0, 0.0), at(0.25, 0.0), at(-0.25, 0.0), at(0.0, 0.25), at(0.0, -0.25));
+        let (here, right, left, below, above) =
+            (at(0.0, 0.0), at(0.25, 0.0), at(-0.25, 0.0), at(0.0, 0.25), at(0.0, -0.25));
         let (mut normal, mut side) = (Matrix2::zeros(), Vector2::zeros());
         for k in 0..here.len() {
             let gradient = Vector2::new(right[k] - left[k], below[k] - above[k]) / 0.5;
