@@ -12,7 +12,6 @@ use nalgebra::Vector2;
 use serde::Deserialize;
 
 use super::files::{self, Reference, not_negative, pair, positive, scene_name, sending};
-use crate::cli::import::warn_of_heights;
 use crate::cli::print;
 
 const EXAMPLES: &str = "\
@@ -90,7 +89,7 @@ impl Cut {
             (None, Some(named)) => named.parse().with_context(|| format!("{} names its CRS", self.ortho.display()))?,
             (None, None) => bail!("{} does not name its CRS: give --crs", self.ortho.display()),
         };
-        warn_of_heights(&crs, self.geoid_undulation_m);
+        files::note_on_heights(&crs, self.geoid_undulation_m)?;
         let file =
             ImageFile::open(&self.ortho, &Limits::default()).with_context(|| self.ortho.display().to_string())?;
         let ortho = Ortho { picture: &file, ground_from_pixel: georeference.ground_from_pixel, crs: &crs };

@@ -10,6 +10,8 @@ use nalgebra::{Vector2, Vector3};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
+use crate::cli::print;
+
 /// A fish-eye camera; the keys are those of `POST /cameras`, and `projection`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -192,6 +194,16 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
         Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
         _ => Err("it must be a number of at least 0".to_owned()),
     }
+}
+
+/// Says so where heights are taken as ellipsoidal for want of better knowledge.
+pub(super) fn note_on_heights(crs: &Crs, geoid_undulation_m: Option<f64>) -> anyhow::Result<()> {
+    if crs.assumes_ellipsoidal_heights() && geoid_undulation_m.is_none() {
+        print(&format!(
+            "height     {crs} says nothing about heights: taken as ellipsoidal; --geoid-undulation-m makes them so"
+        ))?;
+    }
+    Ok(())
 }
 
 /// The same position with its height above the ellipsoid.

@@ -15,7 +15,6 @@ use gable::scenes::resect::{NadirResection, Target, resect};
 use nalgebra::Vector2;
 
 use super::files::{self, Reference, not_negative, pair, positive, scene_name, sending, triple};
-use crate::cli::import::warn_of_heights;
 use crate::cli::print;
 
 const EXAMPLES: &str = "\
@@ -127,7 +126,7 @@ struct Bearing {
 
 impl Rectify {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        warn_of_heights(&self.crs, self.geoid_undulation_m);
+        files::note_on_heights(&self.crs, self.geoid_undulation_m)?;
         let coordinates =
             files::ellipsoidal(&self.crs, self.reference, self.geoid_undulation_m).context("--reference")?;
         let camera = files::camera(&self.camera)?;
