@@ -1,5 +1,5 @@
-//! Lenses that see far to the side, as those of terrestrial pictures taken straight down from a pole: fish-eyes, and the
-//! perspective lens beside them.
+//! Lenses that see far to the side, as those of terrestrial pictures taken straight down from a pole: fish-eyes, and
+//! the perspective lens beside them.
 //!
 //! A direction at the angle theta from the axis falls at the normalised distance rho(theta) from the principal point,
 //! which is theta for an *equidistant* lens, 2 sin(theta / 2) for an *equisolid* one and tan(theta) for a *perspective*

@@ -26,8 +26,8 @@ pub struct WorldFileError {
 }
 
 impl Georeference {
-    /// The map of a world file, whose six numbers are the steps in x and y to the right, those downwards, and the *centre*
-    /// of the top-left pixel.
+    /// The map of a world file, whose six numbers are the steps in x and y to the right, those downwards, and the
+    /// *centre* of the top-left pixel.
     ///
     /// # Errors
     /// [`WorldFileError`] unless the text is six finite numbers.

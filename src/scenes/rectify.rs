@@ -73,8 +73,8 @@ pub enum RectifyError {
     },
     /// The reference would have no pixel.
     #[error(
-        "the reference point at ({x_m:.2}, {y_m:.2}) m of the template's frame is outside of the rectified ground, which \
-         reaches from {west_m:.2} to {east_m:.2} m east and from {south_m:.2} to {north_m:.2} m north of it"
+        "the reference point at ({x_m:.2}, {y_m:.2}) m of the template's frame is outside of the rectified ground, \
+         which reaches from {west_m:.2} to {east_m:.2} m east and from {south_m:.2} to {north_m:.2} m north of it"
     )]
     ReferenceOutside {
         /// Its place in the template's frame.

@@ -68,8 +68,8 @@ pub enum ResectError {
     Mirrored,
     /// No minimum of the squares was reached.
     #[error(
-        "the targets do not determine the camera: measured pixels and coordinates contradict each other, or the targets \
-         are too close together"
+        "the targets do not determine the camera: measured pixels and coordinates contradict each other, or the \
+         targets are too close together"
     )]
     Undetermined,
 }
@@ -97,8 +97,9 @@ impl NadirResection {
         vertical.dot(&(theta * vertical)).max(0.0).sqrt()
     }
 
-    /// Standard deviation, in the direction in which it is largest, of the mean displacement that the orientation's errors
-    /// give the rectified ground at some places of the template's frame; `None` for places that are not below the camera.
+    /// Standard deviation, in the direction in which it is largest, of the mean displacement that the orientation's
+    /// errors give the rectified ground at some places of the template's frame; `None` for places that are not below
+    /// the camera.
     #[must_use]
     pub fn sigma_ground_m(&self, places_m: &[Vector3<f64>]) -> Option<f64> {
         let mut by_step = Matrix2x6::zeros();

@@ -1,5 +1,5 @@
-//! Terrestrial pictures with known truth: the ground as a fish-eye camera on a pole of some metres sees it straight from
-//! above, with the pixels of the targets of a levelled template (Berveglieri and Tommaselli, section 3).
+//! Terrestrial pictures with known truth: the ground as a fish-eye camera on a pole of some metres sees it straight
+//! from above, with the pixels of the targets of a levelled template (Berveglieri and Tommaselli, section 3).
 //!
 //! The picture is the second one, from which the template has been taken away. The ground is a plane; the pole, the
 //! tripod and the people are not in the picture, and the lens is equally sharp all over.
@@ -84,8 +84,8 @@ impl TerrestrialView {
         self.corner_m + Vector2::new(template_m.x * cos + template_m.y * sin, template_m.y * cos - template_m.x * sin)
     }
 
-    /// The picture of a ground whose grey (0 to 255) is known at each east and north, row by row. Each pixel is the mean
-    /// over a few rays.
+    /// The picture of a ground whose grey (0 to 255) is known at each east and north, row by row. Each pixel is the
+    /// mean over a few rays.
     #[must_use]
     pub fn photograph(&self, ground: &(dyn Fn(Vector2<f64>) -> f64 + Sync), seed: u64) -> Vec<u8> {
         let [width, height] = self.camera.size_px();
@@ -113,8 +113,8 @@ impl TerrestrialView {
         (0..height).into_par_iter().flat_map_iter(row).collect()
     }
 
-    /// The template's targets as measured in the picture, each coordinate with a normal error of `sigma_px`. Targets that
-    /// are not in the picture are left out.
+    /// The template's targets as measured in the picture, each coordinate with a normal error of `sigma_px`. Targets
+    /// that are not in the picture are left out.
     #[must_use]
     pub fn targets(&self, places_m: &[[f64; 2]], sigma_px: f64, seed: u64) -> Vec<Target> {
         let mut draws = Draws::new(seed, Purpose::Terrestrial);

@@ -27,9 +27,9 @@ Examples:
   gable scene cut ortho.tif --points points.csv --sigma-m 0.2 --out scenes
       Many at once: points.csv has the columns name,e,n,h.
 
-Good scenes have contrast in all directions, lie on flat ground, and last: crossings, markings, paving, drains; no shadows,
-no cars, no roofs (an ortho-photo of the ground displaces them). North of the grid is not true north: the azimuth that is
-written has the convergence of the meridians in it.";
+Good scenes have contrast in all directions, lie on flat ground, and last: crossings, markings, paving, drains; no
+shadows, no cars, no roofs (an ortho-photo of the ground displaces them). North of the grid is not true north: the
+azimuth that is written has the convergence of the meridians in it.";
 
 /// Cut control scenes out of an ortho-photo
 #[derive(Debug, Args)]
@@ -44,7 +44,8 @@ pub(super) struct Cut {
     #[arg(long)]
     crs: Option<Crs>,
     /// The reference point: east or longitude, north or latitude.
-    #[arg(long, value_name = "E,N", value_parser = pair, allow_hyphen_values = true, requires_all = ["height_m", "name"])]
+    #[arg(long, value_name = "E,N", value_parser = pair, allow_hyphen_values = true)]
+    #[arg(requires_all = ["height_m", "name"])]
     at: Option<Vector2<f64>>,
     /// Its height above the ellipsoid.
     #[arg(long, value_name = "H", allow_negative_numbers = true, requires = "at")]

@@ -224,8 +224,8 @@ impl Rectify {
         let (across_m, up_m) = (scene.gsd_m * width as f64, scene.gsd_m * height as f64);
         writeln!(
             text,
-            "scene      {width} x {height} px of {:.1} mm: {across_m:.2} x {up_m:.2} m; below the camera a pixel of the \
-             picture was {:.1} mm",
+            "scene      {width} x {height} px of {:.1} mm: {across_m:.2} x {up_m:.2} m; below the camera a pixel of \
+             the picture was {:.1} mm",
             1e3 * scene.gsd_m,
             1e3 * raw_m
         )?;
