@@ -10,6 +10,7 @@ mod key;
 mod openapi;
 mod orient;
 mod scan;
+mod scene;
 mod serve;
 mod sets;
 mod simulate;
@@ -41,6 +42,7 @@ enum Command {
     Import(import::Import),
     Orient(Box<orient::Orient>),
     Interior(interior::Interior),
+    Scene(scene::SceneCommand),
     Simulate(simulate::Simulate),
     Evaluate(evaluate::Evaluate),
     Train(train::Train),
@@ -57,6 +59,7 @@ impl Command {
             Self::Import(command) => command.run().await,
             Self::Orient(command) => command.run().await,
             Self::Interior(command) => command.run().await,
+            Self::Scene(command) => command.run().await,
             Self::Simulate(command) => command.run().await,
             Self::Evaluate(command) => command.run().await,
             Self::Train(command) => command.run().await,

@@ -6,6 +6,7 @@
 
 mod error;
 mod exif;
+pub mod georeference;
 mod grey;
 mod jpeg;
 mod limits;

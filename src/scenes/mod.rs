@@ -1,4 +1,12 @@
 //! Control scenes: small georeferenced pictures of the ground, found in the aerial image (Berveglieri and Tommaselli).
+//! They are made from terrestrial pictures ([`resect`](mod@resect), [`rectify`](mod@rectify)) or cut out of
+//! ortho-photos ([`cut`](mod@cut)).
+
+pub mod cut;
+pub mod declination;
+pub mod rectify;
+mod resample;
+pub mod resect;
 
 pub mod consistency;
 pub mod keys;

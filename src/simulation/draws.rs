@@ -27,6 +27,7 @@ pub(crate) enum Purpose {
     FilmCorruption = 26,
     FilmContent = 27,
     FilmStrain = 28,
+    Terrestrial = 41,
 }
 
 /// A stream of draws. A clone of it gives the same draws once more.

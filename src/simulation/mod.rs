@@ -54,6 +54,7 @@ mod streets;
 mod sunlight;
 mod surface;
 mod terrain;
+mod terrestrial;
 mod town;
 mod visibility;
 
@@ -71,4 +72,5 @@ pub use scene::{CameraSettings, ORIGIN_LON_LAT_H, Scene, SceneSettings, Simulati
 pub use streets::Street;
 pub use surface::{Face, Material, Patch, Puff, Stripes};
 pub use terrain::Terrain;
+pub use terrestrial::{TEMPLATE_M, TerrestrialView};
 pub use town::{Town, TownSettings};

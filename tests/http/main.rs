@@ -20,6 +20,7 @@ mod kill;
 #[path = "../shared/labelled.rs"]
 mod labelled;
 mod orientations;
+mod scene_commands;
 mod sockets;
 mod support;
 mod tools;

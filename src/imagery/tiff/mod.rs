@@ -16,6 +16,7 @@ use tiff::tags::Tag;
 use self::chunk_cache::ChunkCache;
 use self::layout::Layout;
 use super::exif::{self, Clues};
+use super::georeference::GeoTags;
 use super::grey::{self, Grey, PixelLayout, Sample, Samples, append_grey};
 use super::jpeg::{self, ColourModel};
 use super::reduce::BoxAverage;
@@ -43,6 +44,17 @@ pub(super) fn read_header(file: BufReader<File>, limits: &Limits) -> Result<([u3
     let clues = Clues { pixel_size_um: resolution::pixel_size_um(&mut decoder), ..gps::clues(&mut decoder) };
     let xmp = decoder.find_tag(Tag::Unknown(700)).ok().flatten().and_then(|value| value.into_u8_vec().ok());
     Ok((layout.size_px, layout.bits, exif::with_xmp(clues, xmp.as_deref())))
+}
+
+/// The tags of a GeoTIFF.
+pub(super) fn geo_tags(file: BufReader<File>, limits: &Limits) -> Result<GeoTags, ImageryError> {
+    let (mut decoder, _) = start(file, limits)?;
+    let mut value = |tag| decoder.find_tag(tag).ok().flatten();
+    let mut numbers = |tag| value(tag).and_then(|value| value.into_f64_vec().ok()).unwrap_or_default();
+    let (pixel_scale, tie_points) = (numbers(Tag::ModelPixelScaleTag), numbers(Tag::ModelTiepointTag));
+    let transformation = numbers(Tag::ModelTransformationTag);
+    let keys = value(Tag::GeoKeyDirectoryTag).and_then(|value| value.into_u16_vec().ok()).unwrap_or_default();
+    Ok(GeoTags { pixel_scale, tie_points, transformation, keys })
 }
 
 /// Reads the first directory and nothing else: other pages are previews or masks.
