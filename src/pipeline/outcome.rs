@@ -4,7 +4,8 @@ use nalgebra::Vector2;
 
 use super::{ControlPointResult, ControlPointSensitivity, EdgeResult, GroundBounds, Outcome, PairResult};
 use crate::diagnosis::{Diagnosis, GroundSensitivity, Sensitivities};
-use crate::geometry::{Camera, Segment2};
+use crate::geometry::{Camera, ExteriorOrientation, Segment2};
+use crate::orientation::ControlPoint;
 use crate::orientation::adjust::{Adjustment, Building};
 use crate::orientation::extract::ObservedSegment;
 use crate::orientation::matching::Match;
@@ -93,6 +94,11 @@ pub(super) fn matched_shares(search: &Search, adjustment: &Adjustment, observed:
     for index in in_view(search, Some(adjustment)) {
         let building = adjustment.buildings.iter().zip(&adjustment.kept).find(|(b, _)| b.control_point == index);
         let used = building.is_some_and(|(_, kept)| kept.contains(&true));
+        if search.control[index].scene.is_some() {
+            of_all_px += SCENE_PX;
+            of_used_px += if used { SCENE_PX } else { 0.0 };
+            matched_px += if used { SCENE_PX } else { 0.0 };
+        }
         let edges = edges_on_frame_px(search.camera, &adjustment.orientation, &search.control[index]);
         for (number, edge) in edges.iter().enumerate() {
             let Some(edge) = edge else { continue };
@@ -105,6 +111,9 @@ pub(super) fn matched_shares(search: &Search, adjustment: &Adjustment, observed:
     let share = |of_px: f64| if of_px > 0.0 { matched_px / of_px } else { 0.0 };
     MatchedShares { of_used: share(of_used_px), of_all: share(of_all_px) }
 }
+
+/// A scene counts like so much of an edge: it is found as a whole or not at all.
+const SCENE_PX: f64 = 100.0;
 
 /// The length of an edge that segments cover, each part once.
 fn covered_px<'m>(edge: &Segment2, matches: impl Iterator<Item = &'m Match>, observed: &[ObservedSegment]) -> f64 {
@@ -184,11 +193,30 @@ fn control_point_result(
     result
 }
 
-/// The edges of all control points in view under the adjusted orientation.
+/// The rim of a scene's picture on the ground, in pixels of the file; nothing of a building.
+fn outline_px(camera: &Camera, orientation: &ExteriorOrientation, control_point: &ControlPoint) -> Vec<Segment2> {
+    let Some(scene) = &control_point.scene else { return Vec::new() };
+    let [right, down] = [scene.width as f64, scene.height as f64];
+    let corners = [[0.0, 0.0], [right, 0.0], [right, down], [0.0, down]].map(|corner| {
+        let ground_m = scene.ground_from_pixel_m(corner.into());
+        orientation.pixel(camera, control_point.reference_m + ground_m.push(0.0))
+    });
+    let sides = (0..4).filter_map(|k| Some(Segment2 { start: corners[k]?, end: corners[(k + 1) % 4]? }));
+    sides.collect()
+}
+
+/// The edges of all control points in view under the adjusted orientation; of a scene the rim of its picture.
 pub(super) fn edge_results(search: &Search, adjustment: &Adjustment, observed: &[ObservedSegment]) -> Vec<EdgeResult> {
     let mut results = Vec::new();
     for (place, index) in in_view(search, Some(adjustment)).enumerate() {
         let control_point = &search.control[index];
+        let outline = outline_px(search.camera, &adjustment.orientation, control_point);
+        let outline = outline.into_iter().map(|projected_px| EdgeResult {
+            control_point: place,
+            projected_px,
+            matched_px: Vec::new(),
+        });
+        results.extend(outline);
         let building = adjustment.buildings.iter().zip(&adjustment.kept).find(|(b, _)| b.control_point == index);
         let edges = edges_on_frame_px(search.camera, &adjustment.orientation, control_point);
         for (number, edge) in edges.iter().enumerate() {

@@ -73,6 +73,8 @@ pub struct ImageKey {
     pub descriptor: Descriptor,
 }
 
+/// Key points of a tile, at most: the strongest.
+const MOST_OF_A_TILE: usize = 1500;
 /// Cells along a side of a tile.
 const TILE_CELLS: u32 = 768;
 /// Cells around a tile that are looked at with it: key points near its rim are described by what lies beyond.
@@ -165,7 +167,8 @@ impl<'a> ImageKeys<'a> {
         let [x, y] = first.map(|v| v.saturating_sub(around));
         let rect = PixelRect { x, y, width: first[0] + side + around - x, height: first[1] + side + around - y };
         let window = self.picture.window(rect, r)?;
-        let found = key_points(&window.grey, window.width, window.height, &settings());
+        let settings = Settings { most: Some(MOST_OF_A_TILE), ..settings() };
+        let found = key_points(&window.grey, window.width, window.height, &settings);
         let own = |v: f64, first: u32| v >= f64::from(first) && v < f64::from(first + side);
         let key = |point: crate::features::sift::KeyPoint| {
             let origin = Vector2::from(window.origin_px.map(f64::from));

@@ -40,12 +40,15 @@ impl Gate {
         self.covariance + Matrix2::identity() * (distance_px * turn.hypot(self.sigma_log_scale)).powi(2)
     }
 
-    fn allows_turn(&self, turn_rad: f64) -> bool {
-        self.sigma_turn_rad.is_none_or(|sigma| turn_rad.abs() <= 3.0 * sigma + ORIENTATION_RAD)
+    /// The cosine of the largest turn of a key point.
+    fn least_cosine(&self) -> f64 {
+        let largest = self.sigma_turn_rad.map_or(std::f64::consts::PI, |sigma| 3.0 * sigma + ORIENTATION_RAD);
+        largest.min(std::f64::consts::PI).cos()
     }
 
-    fn allows_scale(&self, log_scale: f64) -> bool {
-        log_scale.abs() <= 3.0 * self.sigma_log_scale + LOG_SCALE
+    /// The square of the largest ratio of scales, either way.
+    fn largest_squared_ratio(&self) -> f64 {
+        (2.0 * (3.0 * self.sigma_log_scale + LOG_SCALE)).exp()
     }
 }
 
@@ -90,6 +93,8 @@ fn nearest(key: &SceneKey, view: &View, image: &ImageKeys, gate: &Gate) -> Optio
     let weight = covariance.try_inverse()?;
     let reach = covariance.diagonal().map(|variance| gate.reach_sigmas * variance.sqrt());
     let squared_reach = gate.reach_sigmas.powi(2);
+    let (least_cosine, largest_ratio) = (gate.least_cosine(), gate.largest_squared_ratio());
+    let along_squared = along_px.norm_squared();
     let same_px = SAME_PX * f64::from(image.reduction());
     let (mut best, mut second) = ((UNLIKE, Vector2::zeros()), UNLIKE);
     for other in image.near(predicted_px - reach, predicted_px + reach) {
@@ -97,9 +102,12 @@ fn nearest(key: &SceneKey, view: &View, image: &ImageKeys, gate: &Gate) -> Optio
         if away.dot(&(weight * away)) > squared_reach {
             continue;
         }
-        let log_scale = (other.along_px.norm_squared() / along_px.norm_squared()).ln() / 2.0;
-        let turn_rad = along_px.perp(&other.along_px).atan2(along_px.dot(&other.along_px));
-        if !gate.allows_scale(log_scale) || !gate.allows_turn(turn_rad) {
+        let squared = other.along_px.norm_squared();
+        let ratio = squared / along_squared;
+        if ratio > largest_ratio || ratio * largest_ratio < 1.0 {
+            continue;
+        }
+        if along_px.dot(&other.along_px) < least_cosine * (squared * along_squared).sqrt() {
             continue;
         }
         let distance = squared_distance(&key.descriptor, &other.descriptor);
