@@ -141,7 +141,9 @@ impl Fisheye {
     pub fn pixel_from_direction(&self, direction: Vector3<f64>) -> Option<Vector2<f64>> {
         let (across, theta) = (direction.xy().norm(), angle_from_axis_rad(direction));
         let (radius, _) = self.projection.radius(theta)?;
-        if !(radius < self.farthest) {
+        // written so that not-a-number is nowhere either
+        let is_imaged = radius < self.farthest;
+        if !is_imaged {
             return None;
         }
         // on the axis itself there is no direction across
@@ -185,7 +187,9 @@ impl Fisheye {
     pub fn direction_from_pixel(&self, pixel: Vector2<f64>) -> Option<Vector3<f64>> {
         let projected = self.interior.ideal_from_pixel(pixel)?;
         let radius = projected.norm();
-        if !(radius < self.farthest) {
+        // written so that not-a-number is nowhere either
+        let is_imaged = radius < self.farthest;
+        if !is_imaged {
             return None;
         }
         let (sin, cos) = self.projection.angle_rad(radius)?.sin_cos();
@@ -206,7 +210,7 @@ fn unfolded(distortion: &Brown, farthest: f64) -> f64 {
     let turns_over = |radius: f64| {
         (0..DIRECTIONS).any(|k| {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS)).sin_cos();
-            !(distortion.jacobian(Vector2::new(cos, sin) * radius).determinant() > 0.0)
+            distortion.jacobian(Vector2::new(cos, sin) * radius).determinant() <= 0.0
         })
     };
     let radius = |step: u32| farthest * f64::from(step) / f64::from(STEPS);

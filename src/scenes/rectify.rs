@@ -117,14 +117,16 @@ impl Layout {
         if !(gsd_m.is_finite() && gsd_m > 0.0) {
             return setting("the ground sample distance", gsd_m, "it must be positive");
         }
-        if !(camera_height_m > plane_height_m) {
+        let is_below = plane_height_m < camera_height_m;
+        if !is_below {
             return setting("the height of the ground", plane_height_m, "it must be below the camera");
         }
         if !(largest_incidence_rad > 0.0 && largest_incidence_rad < 1.5) {
             let degrees = largest_incidence_rad.to_degrees();
             return setting("the largest angle of incidence", degrees, "it must be between 0 and 85°");
         }
-        if !(largest_side_m >= gsd_m) {
+        let holds_a_pixel = largest_side_m >= gsd_m;
+        if !holds_a_pixel {
             return setting("the largest side", largest_side_m, "it must be at least a pixel");
         }
         let rest = [
