@@ -9,7 +9,7 @@ use axum::http::Request;
 use gable::diagnosis::{Diagnosis, Reason, Verdict};
 use gable::geometry::Segment2;
 use gable::jobs::Orient;
-use gable::pipeline::{ControlPointResult, EdgeResult, Estimate, Fault, Outcome, Stage, Task};
+use gable::pipeline::{ControlKind, ControlPointResult, EdgeResult, Estimate, Fault, Outcome, Stage, Task};
 use nalgebra::{Matrix6, Vector2};
 use serde_json::{Value, json};
 use tokio_util::sync::{CancellationToken, DropGuard};
@@ -29,6 +29,7 @@ fn outcome(task: &Task) -> Outcome {
         }),
         control_points: vec![ControlPointResult {
             name: "church".into(),
+            kind: ControlKind::Lines,
             predicted_px: Some(Vector2::new(20.0, 40.0)),
             located_px: Some(Vector2::new(30.0, 35.0)),
             used: true,
