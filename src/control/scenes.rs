@@ -78,8 +78,8 @@ impl SceneContent {
         let there = LocalFrame::about(self.reference_geocentric_m);
         let (sin, cos) = self.azimuth_of_image_up_deg.to_radians().sin_cos();
         // north there and in the frame differ by the convergence of the meridians
-        let up = frame.local_from_geocentric()
-            * (there.local_from_geocentric().inverse() * Vector3::new(sin, cos, 0.0));
+        let up =
+            frame.local_from_geocentric() * (there.local_from_geocentric().inverse() * Vector3::new(sin, cos, 0.0));
         let scene = Scene { azimuth_of_image_up_rad: up.x.atan2(up.y), ..self.scene(grey) };
         ControlPoint {
             name: self.name.clone(),
@@ -143,7 +143,8 @@ pub async fn write(
     .bind(bounds.max_lat_deg)
     .execute(&mut *transaction)
     .await?;
-    let row = sqlx::query("SELECT * FROM control_scenes WHERE id = ?").bind(row_id).fetch_one(&mut *transaction).await?;
+    let row =
+        sqlx::query("SELECT * FROM control_scenes WHERE id = ?").bind(row_id).fetch_one(&mut *transaction).await?;
     let scene = stored(&row)?;
     transaction.commit().await?;
     // under the same id it is the second try of a request whose first one was cut off
@@ -200,11 +201,12 @@ async fn write_row(
 /// [`ControlError`] if the database fails.
 pub async fn remove(pool: &SqlitePool, id_or_name: &str) -> Result<bool, ControlError> {
     let mut transaction = pool.begin_with("BEGIN IMMEDIATE").await?;
-    let row_id: Option<i64> = sqlx::query_scalar(sqlx::AssertSqlSafe(format!("SELECT id FROM control_scenes {BY_ID_OR_NAME}")))
-        .bind(Uuid::try_parse(id_or_name).ok())
-        .bind(id_or_name)
-        .fetch_optional(&mut *transaction)
-        .await?;
+    let row_id: Option<i64> =
+        sqlx::query_scalar(sqlx::AssertSqlSafe(format!("SELECT id FROM control_scenes {BY_ID_OR_NAME}")))
+            .bind(Uuid::try_parse(id_or_name).ok())
+            .bind(id_or_name)
+            .fetch_optional(&mut *transaction)
+            .await?;
     let Some(row_id) = row_id else { return Ok(false) };
     remove_rows(&mut transaction, &[row_id]).await?;
     transaction.commit().await?;

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use approximation::{ApproximationRequest, NUMBERS_ASSUMED};
+pub use approximation::{ApproximationRequest, NUMBERS_ASSUMED, place_of};
 pub use policy::{CostsRequest, PolicyGiven};
 pub use scan::{Reading, ScanRequest, TransformationKind};
 

@@ -14,8 +14,8 @@ pub use result::{ApproximationOrigin, ApproximationUsed, ClassifierUsed, Orienta
 use crate::diagnosis::{Diagnosis, Features, Verdict};
 use crate::geometry::{Crs, CrsError, LocalFrame, rotation};
 use crate::pipeline::{
-    ConsensusResult, ControlKind, ControlPointResult, ControlPointSensitivity, Cost, Estimate, GroundBounds, GroundPrecision,
-    Outcome, PairResult, SearchReport,
+    ConsensusResult, ControlKind, ControlPointResult, ControlPointSensitivity, Cost, Estimate, GroundBounds,
+    GroundPrecision, Outcome, PairResult, SearchReport,
 };
 use result::{
     ConsensusReport, ControlPointReport, CostReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint,
