@@ -257,18 +257,19 @@ pub async fn by_id_or_name(pool: &SqlitePool, id_or_name: &str) -> Result<Option
     row.as_ref().map(stored).transpose()
 }
 
-/// The file of a scene's picture, as it was uploaded.
+/// A scene with the file of its picture, as it was uploaded: both of one moment.
 ///
 /// # Errors
 /// [`ControlError`] if the database fails.
-pub async fn picture(pool: &SqlitePool, public_id: Uuid) -> Result<Option<Vec<u8>>, ControlError> {
-    let file = sqlx::query_scalar(
-        "SELECT file FROM control_scenes s JOIN control_scene_pictures p ON p.scene_id = s.id WHERE s.public_id = ?",
+pub async fn with_picture(pool: &SqlitePool, public_id: Uuid) -> Result<Option<(StoredScene, Vec<u8>)>, ControlError> {
+    let row = sqlx::query(
+        "SELECT s.*, p.file FROM control_scenes s JOIN control_scene_pictures p ON p.scene_id = s.id
+         WHERE s.public_id = ?",
     )
     .bind(public_id)
     .fetch_optional(pool)
     .await?;
-    Ok(file)
+    row.map(|row| Ok((stored(&row)?, row.try_get("file")?))).transpose()
 }
 
 /// The scenes whose box touches `region`, by ascending number of their rows, from the first one after `after`, at most

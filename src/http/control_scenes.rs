@@ -294,16 +294,17 @@ async fn show_picture(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let scene = scenes::by_id_or_name(state.store.pool(), &id).await?.ok_or_else(missing)?;
-    let tag = format!("\"{}\"", hexadecimal(&scene.content.sha256));
+    let tag = |scene: &StoredScene| format!("\"{}\"", hexadecimal(&scene.content.sha256));
     let known = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-    let known = known.flat_map(|value| value.split(',')).any(|given| given.trim().trim_start_matches("W/") == tag);
+    let known =
+        known.flat_map(|value| value.split(',')).any(|given| given.trim().trim_start_matches("W/") == tag(&scene));
     // a scene may be replaced at any time
-    let cached = [(header::ETAG, tag), (header::CACHE_CONTROL, "private, no-cache".to_owned())];
+    let cached = |tag: String| [(header::ETAG, tag), (header::CACHE_CONTROL, "private, no-cache".to_owned())];
     if known {
-        return Ok((StatusCode::NOT_MODIFIED, cached).into_response());
+        return Ok((StatusCode::NOT_MODIFIED, cached(tag(&scene))).into_response());
     }
-    let file = scenes::picture(state.store.pool(), scene.public_id).await?.ok_or_else(missing)?;
-    Ok((cached, [(header::CONTENT_TYPE, scene.content.media_type)], file).into_response())
+    let (scene, file) = scenes::with_picture(state.store.pool(), scene.public_id).await?.ok_or_else(missing)?;
+    Ok((cached(tag(&scene)), [(header::CONTENT_TYPE, scene.content.media_type)], file).into_response())
 }
 
 /// Delete a control scene

@@ -3,12 +3,11 @@
 use std::io::Write as _;
 use std::path::Path;
 
-use sha2::{Digest as _, Sha256};
 use sqlx::SqlitePool;
 
 use super::request::Work;
 use crate::control::near::Reach;
-use crate::control::scenes::{SceneContent, StoredScene, picture};
+use crate::control::scenes::{SceneContent, with_picture};
 use crate::control::{self, ControlError, Kinds};
 use crate::features::{Picture as _, PictureError, PixelRect};
 use crate::geometry::LocalFrame;
@@ -39,7 +38,7 @@ pub enum SceneError {
     /// It is damaged.
     #[error(transparent)]
     Picture(#[from] PictureError),
-    /// It is another one than was described.
+    /// Its size is not what was stored.
     #[error("the stored picture is not the one that was uploaded; upload the scene again")]
     Another,
 }
@@ -69,10 +68,6 @@ struct Unread {
 
 impl Unread {
     fn control_point(&self, frame: &LocalFrame, folder: &Path, limits: &Limits) -> Result<ControlPoint, SceneError> {
-        // the scene may have been replaced between its row and its picture
-        if Sha256::digest(&self.file)[..] != self.content.sha256 {
-            return Err(SceneError::Another);
-        }
         let picture = ScenePicture::read(&self.file, folder, limits)?;
         if picture.size_px != self.content.size_px {
             return Err(SceneError::Another);
@@ -97,10 +92,11 @@ impl ControlNear {
         let half_view_rad = work.camera.half_view_rad();
         let near = control::around(pool, &work.frame, half_view_rad, &work.approximation, reach, kinds).await?;
         let mut scenes = Vec::new();
-        for StoredScene { public_id, content, .. } in near.scenes {
-            // deleted a moment ago
-            let Some(file) = picture(pool, public_id).await? else { continue };
-            scenes.push(Unread { content, file });
+        for scene in near.scenes {
+            // by now it may be another one, or deleted
+            if let Some((scene, file)) = with_picture(pool, scene.public_id).await? {
+                scenes.push(Unread { content: scene.content, file });
+            }
         }
         Ok(Self { lines: near.lines, scenes })
     }
