@@ -74,6 +74,7 @@ async fn whole(mut part: Field<'_>, name: &str, max_bytes: usize) -> Result<Byte
     Ok(content.into())
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "it stands where errors are mapped")]
 fn malformed(error: MultipartError) -> Problem {
     body_problem(&error, error.status())
 }
