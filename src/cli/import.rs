@@ -42,7 +42,10 @@ Each entry of a list of scenes is what `POST /control-scenes` takes, with the fi
 
 /// Import control points from a GeoJSON file, or control scenes, into the data folder
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(
+    after_help = EXAMPLES,
+    override_usage = "gable import [OPTIONS] --crs <CRS> <FILE>\n       gable import [OPTIONS] --scenes <FILE>",
+)]
 pub(crate) struct Import {
     /// GeoJSON file with the control points.
     #[arg(required_unless_present = "scenes", requires = "crs")]

@@ -97,7 +97,8 @@ async fn a_scene_comes_back_as_it_was_given() {
     assert_eq!(read["reference"]["crs"], "EPSG:4979");
     let geographic = read["reference"]["coordinates"].as_array().unwrap();
     assert!((geographic[0].as_f64().unwrap() - 15.0).abs() < 1e-9, "the central meridian of zone 33: {read}");
-    assert!((geographic[2].as_f64().unwrap() - 108.0).abs() < 1e-6, "{read}");
+    // the ellipsoids of ETRS89 and WGS 84 are a tenth of a millimetre apart
+    assert!((geographic[2].as_f64().unwrap() - 108.0).abs() < 2e-4, "{read}");
     let address = format!("/api/v1/control-scenes/{id}?crs=EPSG:25833&geoid_undulation_m=38");
     let grid = service.get(&address).await.json();
     for (found, given) in grid["reference"]["coordinates"].as_array().unwrap().iter().zip([5e5, 5.8e6, 70.0]) {
@@ -127,8 +128,11 @@ async fn parts_come_in_any_order_and_what_is_left_out_has_a_default() {
 #[tokio::test]
 async fn pictures_come_back_to_the_last_bit() {
     let service = Service::new().await;
-    let drawing = image::GrayImage::from_fn(64, 48, |x, y| image::Luma([(3 * x + 5 * y) as u8]));
-    let tiff = encoded(&drawing, image::ImageFormat::Tiff);
+    let drawing: Vec<u8> = (0..64 * 48).map(|k| (k % 251) as u8).collect();
+    let mut tiff = std::io::Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new(&mut tiff).unwrap();
+    encoder.write_image::<tiff::encoder::colortype::Gray8>(64, 48, &drawing).unwrap();
+    let tiff = tiff.into_inner();
     for (name, file, media_type) in
         [("a", jpeg(1), "image/jpeg"), ("b", png(2), "image/png"), ("c", tiff, "image/tiff")]
     {

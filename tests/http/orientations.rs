@@ -328,7 +328,7 @@ async fn what_makes_no_sense_is_refused_with_its_pointer_and_changes_nothing() {
         ("/approximation/omega_deg", json!("tilted"), "/approximation/omega_deg"),
         ("/approximation/omega_deg", json!(1e300), "/approximation/omega_deg"),
         ("/tolerance_gsd", json!(-1), "/tolerance_gsd"),
-        ("/control", json!("scenes"), "/control"),
+        ("/control", json!("points"), "/control"),
         ("/webhook", json!("https://example.org/hook"), "/webhook"),
         ("/output_crs", json!("EPSG:2"), "/output_crs"),
     ];
