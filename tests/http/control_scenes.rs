@@ -129,12 +129,12 @@ async fn parts_come_in_any_order_and_what_is_left_out_has_a_default() {
 async fn pictures_come_back_to_the_last_bit() {
     let service = Service::new().await;
     let drawing: Vec<u8> = (0..64 * 48).map(|k| (k % 251) as u8).collect();
-    let mut tiff = std::io::Cursor::new(Vec::new());
-    let mut encoder = tiff::encoder::TiffEncoder::new(&mut tiff).unwrap();
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
     encoder.write_image::<tiff::encoder::colortype::Gray8>(64, 48, &drawing).unwrap();
-    let tiff = tiff.into_inner();
+    let tiff_file = file.into_inner();
     for (name, file, media_type) in
-        [("a", jpeg(1), "image/jpeg"), ("b", png(2), "image/png"), ("c", tiff, "image/tiff")]
+        [("a", jpeg(1), "image/jpeg"), ("b", png(2), "image/png"), ("c", tiff_file, "image/tiff")]
     {
         assert_eq!(upload(&service, &file, &scene(name)).await.status, 201);
         let address = format!("/api/v1/control-scenes/{name}/picture");
