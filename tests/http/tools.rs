@@ -142,7 +142,7 @@ fn scenes_are_imported_and_those_at_fault_are_named() {
     let (_, told, _) = run(folder.path(), &[&import[..], &["--mode", "replace", "--json"]].concat());
     assert_eq!(serde_json::from_str::<Value>(&told).unwrap(), json!({"imported": 0, "updated": 2, "rejected": []}));
     let (status, _, told) = run(folder.path(), &["import"]);
-    assert_eq!((status, told.contains("gable import --scenes <FILE>")), (Some(2), true), "{told}");
+    assert_eq!((status, told.contains("gable import [OPTIONS] --scenes <FILE>")), (Some(2), true), "{told}");
     let (status, _, _) = run(folder.path(), &["import", "roofs.geojson"]);
     assert_eq!(status, Some(2));
     let (status, _, _) =
