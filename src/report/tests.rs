@@ -235,7 +235,7 @@ fn the_json_has_the_names_of_the_contract() {
     expect("/covariance", vec!["order", "matrix"]);
     expect(
         "/control_points/0",
-        vec!["name", "predicted_px", "located_px", "used", "segments_matched", "residual_px", "sensitivity"],
+        vec!["name", "kind", "predicted_px", "located_px", "used", "segments_matched", "residual_px", "sensitivity"],
     );
     let sensitivity = vec!["discrepancy_px", "test", "contradicts", "change_m", "empirical_m", "theoretical_m"];
     expect("/control_points/0/sensitivity", sensitivity);
