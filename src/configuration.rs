@@ -46,7 +46,7 @@ pub struct Configuration {
     pub upload_max_bytes: u64,
     /// Room that uploads leave on the disk, for the database to go on.
     pub disk_reserve_bytes: u64,
-    /// The largest body of any other request but an import of control points.
+    /// The largest body of any other request but an import of control points or scenes.
     pub body_max_bytes: usize,
     /// The largest body of an import of control points.
     pub import_max_bytes: usize,
@@ -58,6 +58,10 @@ pub struct Configuration {
     pub image_max_whole_pixels: u64,
     /// The most memory that decoding a JPEG or PNG may take.
     pub image_max_decode_bytes: u64,
+    /// The largest picture of a control scene that may be uploaded.
+    pub scene_max_bytes: usize,
+    /// The most pixels of the picture of a control scene.
+    pub scene_max_pixels: u64,
     /// Connections at a time; further ones wait to be accepted.
     pub connections_max: usize,
     /// How long a client may take to send the head of a request, or leave a connection idle.
@@ -116,6 +120,8 @@ impl Default for Configuration {
             image_max_pixels: 1_000_000_000,
             image_max_whole_pixels: 120_000_000,
             image_max_decode_bytes: 512 << 20,
+            scene_max_bytes: 16 << 20,
+            scene_max_pixels: 16_000_000,
             connections_max: 4096,
             head_timeout_s: 10,
             body_idle_timeout_s: 30,
@@ -254,6 +260,17 @@ impl Configuration {
         }
     }
 
+    /// What is read of the pictures of control scenes.
+    #[must_use]
+    pub fn scene_limits(&self) -> Limits {
+        let limits = self.image_limits();
+        Limits {
+            max_pixels: limits.max_pixels.min(self.scene_max_pixels),
+            max_whole_pixels: limits.max_whole_pixels.min(self.scene_max_pixels),
+            ..limits
+        }
+    }
+
     /// How long answers to requests with an `Idempotency-Key` are kept.
     #[must_use]
     pub fn idempotency_kept(&self) -> Duration {
@@ -261,7 +278,7 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 17] = [
+        let positive: [(&'static str, u64); 19] = [
             ("upload_max_bytes", self.upload_max_bytes),
             ("body_max_bytes", self.body_max_bytes as u64),
             ("import_max_bytes", self.import_max_bytes as u64),
@@ -269,6 +286,8 @@ impl Configuration {
             ("image_max_pixels", self.image_max_pixels),
             ("image_max_whole_pixels", self.image_max_whole_pixels),
             ("image_max_decode_bytes", self.image_max_decode_bytes),
+            ("scene_max_bytes", self.scene_max_bytes as u64),
+            ("scene_max_pixels", self.scene_max_pixels),
             ("connections_max", self.connections_max as u64),
             ("head_timeout_s", self.head_timeout_s),
             ("body_idle_timeout_s", self.body_idle_timeout_s),

@@ -1,11 +1,14 @@
-//! Folders of real images with control points and reference orientations, as in `../shared/bench`.
+//! Folders of real images with control and reference orientations, as in `../shared/bench`.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use gable::control::{Source, geojson};
+use gable::configuration::Configuration;
+use gable::control::geojson::Rejection;
+use gable::control::{Kinds, Source, geojson};
 use gable::geometry::{Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
 use gable::http::cameras::DigitalCameraRequest;
+use gable::http::control_scenes::CheckedScene;
 use gable::orientation::ControlPoint;
 use gable::pipeline::Approximation;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -14,11 +17,13 @@ use rand_chacha::ChaCha8Rng;
 use serde::Deserialize;
 
 use super::orient::read_json;
+use super::scenes::{Bounds, ReadScene, SceneList};
 
 /// A dataset in its local frame.
 pub(super) struct Dataset {
     pub(super) name: String,
     pub(super) camera: Camera,
+    /// Of the kinds that were chosen: buildings, and after them scenes.
     pub(super) control: Vec<ControlPoint>,
     pub(super) ground_height_m: f64,
     pub(super) tolerance_gsd: f64,
@@ -28,6 +33,7 @@ pub(super) struct Dataset {
 /// An image of a dataset.
 pub(super) struct DatasetImage {
     pub(super) file: PathBuf,
+    /// Of the kinds that were chosen.
     pub(super) control_points_in_view: usize,
     pub(super) gsd_m: f64,
     pub(super) reference: ExteriorOrientation,
@@ -46,6 +52,7 @@ struct Description {
     ground_height_m: f64,
     tolerance_gsd: f64,
     images_folder: Option<PathBuf>,
+    scenes_folder: Option<PathBuf>,
 }
 
 /// An entry of `images.json`.
@@ -53,6 +60,8 @@ struct Description {
 struct Entry {
     file: PathBuf,
     control_points_in_view: usize,
+    #[serde(default)]
+    control_scenes_in_view: usize,
     gsd_m: f64,
     approximations: Approximations,
     reference: Reference,
@@ -88,23 +97,27 @@ struct Reference {
 }
 
 impl Dataset {
-    /// Reads the folder, without the pictures.
-    pub(super) fn read(folder: &Path) -> anyhow::Result<Self> {
+    /// Reads the folder with the pictures of the scenes, if they are wanted, and without the images.
+    pub(super) fn read(folder: &Path, kinds: Kinds) -> anyhow::Result<Self> {
         let description: Description = lenient_json(&folder.join("dataset.json"))?;
         let camera: DigitalCameraRequest = read_json(&folder.join("camera.json"))?;
         let camera = camera.camera().with_context(|| folder.join("camera.json").display().to_string())?;
         let frame = LocalFrame::about(Crs::parse(&description.frame)?.geocentric_from_position([0.0; 3], None)?);
-        let body =
-            std::fs::read(folder.join("control_points.geojson")).context("cannot read control_points.geojson")?;
-        let crs = Crs::parse(&description.control_crs)?;
-        let parsed = geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: None })?;
+        let mut control = Vec::new();
+        if kinds.lines {
+            control = buildings(folder, &description, &frame)?;
+        }
+        if kinds.scenes {
+            control.append(&mut scenes(folder, &description, &frame)?);
+        }
         let entries: Vec<Entry> = lenient_json(&folder.join("images.json"))?;
         let pictures = folder.join(description.images_folder.as_deref().unwrap_or(Path::new("images")));
         let image = |entry: Entry| {
             let rows = Matrix3::from_row_slice(entry.reference.rotation_matrix.as_flattened());
             Ok(DatasetImage {
                 file: pictures.join(&entry.file),
-                control_points_in_view: entry.control_points_in_view,
+                control_points_in_view: if kinds.lines { entry.control_points_in_view } else { 0 }
+                    + if kinds.scenes { entry.control_scenes_in_view } else { 0 },
                 gsd_m: entry.gsd_m,
                 reference: ExteriorOrientation {
                     projection_centre_m: Vector3::from(entry.reference.projection_centre),
@@ -117,12 +130,33 @@ impl Dataset {
         Ok(Self {
             name: description.name,
             camera,
-            control: parsed.control_points.iter().map(|(_, point)| point.in_frame(&frame)).collect(),
+            control,
             ground_height_m: description.ground_height_m,
             tolerance_gsd: description.tolerance_gsd,
             images: entries.into_iter().map(image).collect::<anyhow::Result<_>>()?,
         })
     }
+}
+
+fn buildings(folder: &Path, description: &Description, frame: &LocalFrame) -> anyhow::Result<Vec<ControlPoint>> {
+    let body = std::fs::read(folder.join("control_points.geojson")).context("cannot read control_points.geojson")?;
+    let crs = Crs::parse(&description.control_crs)?;
+    let parsed = geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: None })?;
+    Ok(parsed.control_points.iter().map(|(_, point)| point.in_frame(frame)).collect())
+}
+
+fn scenes(folder: &Path, description: &Description, frame: &LocalFrame) -> anyhow::Result<Vec<ControlPoint>> {
+    let list = folder.join(description.scenes_folder.as_deref().unwrap_or(Path::new(""))).join("scenes.json");
+    let name = list.display().to_string();
+    let list = SceneList::read(&list)?;
+    let bounds = Bounds::of(&Configuration::default());
+    let scene = |read: Result<ReadScene, Rejection>| {
+        let CheckedScene { content, grey, .. } = read
+            .map_err(|rejection| anyhow::anyhow!("{name}: scene {}: {}", rejection.index, rejection.detail))?
+            .checked;
+        Ok(content.in_frame(frame, grey))
+    };
+    list.scenes(&bounds).map(scene).collect()
 }
 
 impl Given {

@@ -10,6 +10,7 @@ use clap::Args;
 use gable::classifiers::{LabelledImage, Loaded};
 use gable::diagnosis::Policy;
 use gable::jobs::active::{ActiveClassifier, shipped_classifier};
+use gable::jobs::request::ControlChoice;
 use gable::learning::Costs;
 use gable::store::Store;
 
@@ -28,6 +29,9 @@ Examples:
 
   gable evaluate mine.jsonl --classifier my-classifier --costs 0,40,5,10 --caution 1
       Another classifier, made by `gable train`, at other costs.
+
+  gable evaluate ../shared/bench/boruszyn_wire --control scenes
+      The same with the control scenes of the dataset instead of its buildings.
 
 A labelled set is a file of JSON Lines, as `gable simulate --mixture` leaves in its folder (labelled.jsonl).";
 
@@ -59,7 +63,10 @@ pub(crate) struct Evaluate {
     /// Of a dataset: the approximations.
     #[arg(long, value_enum, value_delimiter = ',', default_values = ["attitude", "nadir"])]
     approximation: Vec<Approximations>,
-    /// Of a dataset: only images that see at least so many control points.
+    /// Of a dataset: the control, buildings or scenes or both.
+    #[arg(long, value_name = "KIND", value_enum, default_value = "lines")]
+    control: ControlChoice,
+    /// Of a dataset: only images that see at least so many control points of the kinds that are used.
     #[arg(long, value_name = "N", default_value_t = 4)]
     min_in_view: usize,
     /// Keep what came out of datasets as a labelled set.

@@ -1,15 +1,17 @@
 //! `gable import`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 use clap::Args;
+use gable::configuration::Configuration;
 use gable::control::{ImportReport, Mode, Source, geojson, sqlite};
 use gable::geometry::Crs;
 use gable::store::Store;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::scenes::{self, Bounds, SceneList};
 use super::{Settings, print};
 
 const EXAMPLES: &str = "\
@@ -24,24 +26,40 @@ Examples:
   gable import all.geojson --crs EPSG:2180 --mode replace
       Makes the file all there is: control points that are not in it are removed.
 
+  gable import --scenes scenes.json --data /srv/gable
+      Adds control scenes, small georeferenced pictures of the ground, and replaces those that are known by name. The \
+      pictures are in the folder scenes beside the list, or right beside it.
+
 Each feature is one building, a MultiLineString of segments with two 3D positions each:
   {\"type\": \"FeatureCollection\", \"features\": [
     {\"type\": \"Feature\", \"properties\": {\"name\": \"church-7\", \"sigma_m\": 0.1},
-     \"geometry\": {\"type\": \"MultiLineString\", \"coordinates\": [[[565012.1, 5934410.4, 78.2], [565021.9, 5934412.0, 78.2]]]}}]}";
+     \"geometry\": {\"type\": \"MultiLineString\", \"coordinates\": [[[565012.1, 5934410.4, 78.2], [565021.9, 5934412.0, 78.2]]]}}]}
 
-/// Import control points from a GeoJSON file into the data folder
+Each entry of a list of scenes is what `POST /control-scenes` takes, with the file of its picture:
+  [{\"name\": \"church-square\", \"file\": \"church-square.jpg\", \"gsd_m\": 0.02, \"azimuth_of_image_up_deg\": 0,
+    \"sigma_azimuth_deg\": 5, \"reference_px\": [212.5, 198.0], \"sigma_m\": 0.05,
+    \"reference\": {\"crs\": \"EPSG:25832\", \"coordinates\": [565012.1, 5934410.4, 71.3]}}]";
+
+/// Import control points from a GeoJSON file, or control scenes, into the data folder
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(
+    after_help = EXAMPLES,
+    override_usage = "gable import [OPTIONS] --crs <CRS> <FILE>\n       gable import [OPTIONS] --scenes <FILE>",
+)]
 pub(crate) struct Import {
     /// GeoJSON file with the control points.
-    file: PathBuf,
+    #[arg(required_unless_present = "scenes", requires = "crs")]
+    file: Option<PathBuf>,
     /// CRS of its coordinates: EPSG:<code> or a PROJ string.
-    #[arg(long)]
-    crs: Crs,
+    #[arg(long, requires = "file")]
+    crs: Option<Crs>,
+    /// JSON file with a list of control scenes, instead.
+    #[arg(long, value_name = "FILE", conflicts_with = "file")]
+    scenes: Option<PathBuf>,
     /// What makes its heights ellipsoidal, if they are above the geoid.
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", requires = "file", allow_negative_numbers = true)]
     geoid_undulation_m: Option<f64>,
-    /// What becomes of control points whose name is known.
+    /// What becomes of control points, or scenes, whose name is known.
     #[arg(long, value_enum, default_value_t)]
     mode: Mode,
     /// Print the report as JSON.
@@ -55,20 +73,17 @@ impl Import {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         let quiet = std::env::var_os("GABLE_LOG").is_none().then(|| "warn".to_owned());
         let configuration = self.settings.gather(&[("log", quiet)])?;
-        warn_of_heights(&self.crs, self.geoid_undulation_m);
-        let parsed = parse(&self.file, self.crs, self.geoid_undulation_m).await?;
-        let store = Store::open(&configuration.data).await?;
-        let bar = bar(parsed.control_points.len());
-        let imported = sqlite::import(store.pool(), parsed, self.mode, |done| bar.set_position(done as u64)).await;
-        bar.finish_and_clear();
-        store.close().await;
-        let report = imported?;
+        let (thing, report) = match (&self.scenes, &self.file, &self.crs) {
+            (Some(list), ..) => ("scene", self.scenes(list, &configuration).await?),
+            (None, Some(file), Some(crs)) => ("feature", self.buildings(file, crs, &configuration).await?),
+            _ => bail!("give a GeoJSON file and --crs, or --scenes FILE"),
+        };
         if self.json {
             return print(&serde_json::to_string_pretty(&report)?);
         }
         for rejection in &report.rejected {
             let name = rejection.name.as_deref().unwrap_or("without a name");
-            print(&format!("rejected: feature {} ({name}): {}", rejection.index, rejection.detail))?;
+            print(&format!("rejected: {thing} {} ({name}): {}", rejection.index, rejection.detail))?;
         }
         let ImportReport { imported, updated, rejected } = &report;
         print(&format!("{imported} imported, {updated} updated, {} rejected", rejected.len()))?;
@@ -76,6 +91,28 @@ impl Import {
             bail!("nothing was imported");
         }
         Ok(())
+    }
+
+    async fn buildings(&self, file: &Path, crs: &Crs, configuration: &Configuration) -> anyhow::Result<ImportReport> {
+        warn_of_heights(crs, self.geoid_undulation_m);
+        let parsed = parse(file, crs.clone(), self.geoid_undulation_m).await?;
+        let store = Store::open(&configuration.data).await?;
+        let bar = bar(parsed.control_points.len());
+        let imported = sqlite::import(store.pool(), parsed, self.mode, |done| bar.set_position(done as u64)).await;
+        bar.finish_and_clear();
+        store.close().await;
+        Ok(imported?)
+    }
+
+    async fn scenes(&self, file: &Path, configuration: &Configuration) -> anyhow::Result<ImportReport> {
+        let list = SceneList::read(file)?;
+        let store = Store::open(&configuration.data).await?;
+        let bar = bar(list.len());
+        let progress = |done| bar.set_position(done as u64);
+        let imported = scenes::import(store.pool(), &list, &Bounds::of(configuration), self.mode, progress).await;
+        bar.finish_and_clear();
+        store.close().await;
+        imported
     }
 }
 

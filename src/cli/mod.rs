@@ -11,6 +11,7 @@ mod openapi;
 mod orient;
 mod scan;
 mod scene;
+mod scenes;
 mod serve;
 mod sets;
 mod simulate;
@@ -26,8 +27,8 @@ use gable::configuration::{Configuration, ConfigurationError, LogFormat};
 use gable::service::ServiceError;
 use tracing_subscriber::EnvFilter;
 
-/// Finds the exterior orientation of single aerial images from roof lines of buildings, and says whether it can be
-/// trusted.
+/// Finds the exterior orientation of single aerial images from roof lines of buildings and small pictures of the
+/// ground, and says whether it can be trusted.
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true, max_term_width = 120)]
 struct Cli {

@@ -8,8 +8,9 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
 use clap::Args;
+use gable::control::geojson::Rejection;
 use gable::control::near::Reach;
-use gable::control::{self, Mode, sqlite};
+use gable::control::{Mode, sqlite};
 use gable::geometry::Crs;
 use gable::http::cameras::CameraRequest;
 use gable::http::extract::parse_json;
@@ -18,7 +19,10 @@ use gable::imagery::{self, ImageFile, Limits};
 use gable::jobs::active::{ActiveClassifier, shipped_classifier};
 use gable::jobs::camera_model::{camera_model, uploaded_templates};
 use gable::jobs::film_camera::Templates;
-use gable::jobs::request::{ApproximationRequest, CameraModel, CostsRequest, ImageFacts, OrientationRequest};
+use gable::jobs::request::{
+    ApproximationRequest, CameraModel, ControlChoice, CostsRequest, ImageFacts, OrientationRequest,
+};
+use gable::jobs::scenes::ControlNear;
 use gable::jobs::{self, Orient as Pipeline};
 use gable::learning::Costs;
 use gable::pipeline::{self, Observer, Stage};
@@ -29,6 +33,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::evaluate::costs;
 use super::scan::ScanFlags;
+use super::scenes::{self, Bounds, SceneList};
 use super::{Settings, import, print};
 
 const EXAMPLES: &str = "\
@@ -45,6 +50,13 @@ Examples:
       --approximation approximation.json --json | jq .result.diagnosis
       With the approximation as the API has it: {\"position\": {\"crs\": …, \"coordinates\": […]}, \"omega_deg\": …}.
 
+  gable orient DSC01.jpg --camera camera.json --scenes scenes.json --position 565480,5934120,410 --position-crs EPSG:25832
+      With control scenes, small georeferenced pictures of the ground, instead of buildings or, together with --control, \
+      beside them.
+
+  gable orient DSC01.jpg --camera canon-sx260 --data /srv/gable --use scenes
+      With the control scenes of a data folder only.
+
 What is not given is taken from the image's EXIF and XMP, else: omega = phi = 0 with sigma 5 degrees, kappa unknown (the \
 whole circle is searched), position sigma 15, 15, 30 m. Angles are in degrees about the axes of a local east, north, up \
 frame at the position.";
@@ -58,7 +70,7 @@ pub(crate) struct Orient {
     /// The camera: a JSON file as for `POST /cameras`; with --data also its id or name there.
     #[arg(long, value_name = "FILE|NAME")]
     camera: String,
-    /// GeoJSON file with the control points; without it, those of the data folder are used.
+    /// GeoJSON file with the control points; without it and --scenes, the control of the data folder is used.
     #[arg(long, value_name = "FILE", requires = "crs")]
     control: Option<PathBuf>,
     /// CRS of the control points in the file.
@@ -67,6 +79,12 @@ pub(crate) struct Orient {
     /// What makes the heights in the file ellipsoidal, if they are above the geoid.
     #[arg(long, value_name = "N", requires = "control", allow_negative_numbers = true)]
     geoid_undulation_m: Option<f64>,
+    /// JSON file with a list of control scenes, as for `gable import --scenes`.
+    #[arg(long, value_name = "FILE")]
+    scenes: Option<PathBuf>,
+    /// Which control is used. [default: whatever there is]
+    #[arg(long = "use", value_name = "KIND", value_enum)]
+    control_choice: Option<ControlChoice>,
     /// The largest error on the ground that is acceptable, in ground sample distances. [default: 10]
     #[arg(long, value_name = "N", conflicts_with = "tolerance_m")]
     tolerance_gsd: Option<f64>,
@@ -198,10 +216,11 @@ impl Orient {
         let configuration = self.settings.gather(&[("log", quiet)])?;
         let limits = configuration.image_limits();
         // a data folder is only made use of, never made
-        let store = match &self.control {
-            None => Some(open_existing(&configuration.data).await?),
-            Some(_) if configuration.data.join("gable.db").exists() => Some(Store::open(&configuration.data).await?),
-            Some(_) => None,
+        let with_files = self.control.is_some() || self.scenes.is_some();
+        let store = match with_files {
+            false => Some(open_existing(&configuration.data).await?),
+            true if configuration.data.join("gable.db").exists() => Some(Store::open(&configuration.data).await?),
+            true => None,
         };
         let camera = self.camera(store.as_ref()).await?;
         let camera_size_px = camera.image_size_px();
@@ -216,16 +235,15 @@ impl Orient {
             None => shipped_classifier()?,
         };
         let work = prepared.work(camera, &decides)?;
-        let pool = match (&self.control, &store) {
-            (Some(file), _) => self.control_of_file(file).await?,
-            (None, Some(store)) => store.pool().clone(),
-            (None, None) => bail!("there are no control points; give --control FILE or --data FOLDER"),
+        let pool = match &store {
+            Some(store) if !with_files => store.pool().clone(),
+            _ => self.control_of_files(&Bounds::of(&configuration)).await?,
         };
-        let half_view_rad = work.camera.half_view_rad();
-        let near = control::around(&pool, &work.frame, half_view_rad, &work.approximation, Reach::default()).await?;
+        let near = ControlNear::find(&pool, &work, Reach::default(), prepared.kinds()).await?;
         let (path, bar) = (self.image.clone(), Bar::new());
         let oriented = tokio::task::spawn_blocking(move || {
             let orient: Pipeline = Arc::new(pipeline::orient);
+            let near = near.read(&work.frame, &std::env::temp_dir(), &limits);
             let oriented = jobs::oriented(&orient, &path, &limits, &near, (&prepared, &work), &bar);
             bar.0.finish_and_clear();
             oriented.map(|oriented| (oriented.result, oriented.drawing, limits))
@@ -247,7 +265,7 @@ impl Orient {
             costs: self.costs.map(CostsRequest::from),
             caution: self.caution,
             threshold: self.threshold,
-            control: None,
+            control: self.control_choice,
             interior_orientation: self.scan.request(),
             output_crs: self.output_crs.clone(),
             webhook: None,
@@ -268,22 +286,26 @@ impl Orient {
         })
     }
 
-    async fn control_of_file(&self, file: &Path) -> anyhow::Result<sqlx::SqlitePool> {
+    async fn control_of_files(&self, bounds: &Bounds) -> anyhow::Result<sqlx::SqlitePool> {
+        let pool = sqlite::in_memory().await?;
+        if let Some(file) = &self.control {
+            self.add_buildings(&pool, file).await?;
+        }
+        if let Some(file) = &self.scenes {
+            let list = SceneList::read(file)?;
+            let report = scenes::import(&pool, &list, bounds, Mode::Upsert, |_| {}).await?;
+            warn_of_rejections(file, "scene", &report.rejected);
+        }
+        Ok(pool)
+    }
+
+    async fn add_buildings(&self, pool: &sqlx::SqlitePool, file: &Path) -> anyhow::Result<()> {
         let crs = self.crs.clone().context("--control needs --crs, the CRS of its coordinates")?;
         import::warn_of_heights(&crs, self.geoid_undulation_m);
         let parsed = import::parse(file, crs, self.geoid_undulation_m).await?;
-        for rejection in &parsed.rejected {
-            let name = rejection.name.as_deref().unwrap_or("without a name");
-            tracing::warn!(
-                "{}: feature {} ({name}) is left out: {}",
-                file.display(),
-                rejection.index,
-                rejection.detail
-            );
-        }
-        let pool = sqlite::in_memory().await?;
-        sqlite::import(&pool, parsed, Mode::Upsert, |_| {}).await?;
-        Ok(pool)
+        warn_of_rejections(file, "feature", &parsed.rejected);
+        sqlite::import(pool, parsed, Mode::Upsert, |_| {}).await?;
+        Ok(())
     }
 
     fn show(&self, result: &OrientationResult) -> anyhow::Result<()> {
@@ -296,9 +318,16 @@ impl Orient {
     }
 }
 
+fn warn_of_rejections(file: &Path, thing: &str, rejected: &[Rejection]) {
+    for Rejection { index, name, detail } in rejected {
+        let name = name.as_deref().unwrap_or("without a name");
+        tracing::warn!("{}: {thing} {index} ({name}) is left out: {detail}", file.display());
+    }
+}
+
 async fn open_existing(folder: &Path) -> anyhow::Result<Store> {
     if !folder.join("gable.db").exists() {
-        bail!("there is no data folder {}; give --data FOLDER, or --control FILE", folder.display());
+        bail!("there is no data folder {}; give --data FOLDER, --control FILE or --scenes FILE", folder.display());
     }
     Ok(Store::open(folder).await?)
 }

@@ -1,9 +1,10 @@
-//! The control-point database: model, import from GeoJSON, and what may be in view of an image.
+//! The database of control: buildings from GeoJSON, scenes with their pictures, and what may be in view of an image.
 
 pub mod geojson;
 pub mod model;
 pub mod near;
 pub mod region;
+pub mod scenes;
 pub mod sqlite;
 #[cfg(test)]
 mod tests;
@@ -13,8 +14,9 @@ use utoipa::ToSchema;
 
 pub use geojson::{CollectionError, Rejection, Source};
 pub use model::StoredControlPoint;
-pub use near::around;
+pub use near::{Kinds, Near, around};
 pub use region::GeodeticBox;
+pub use scenes::{SceneContent, StoredScene};
 
 /// What becomes of control points whose name is known already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
@@ -48,7 +50,7 @@ pub enum ControlError {
     #[error("the database of control points failed")]
     Database(#[from] sqlx::Error),
     /// A row is not what was written.
-    #[error("the stored edges of control point {name:?} are damaged; import it again")]
+    #[error("what is stored of the control {name:?} is damaged; import it again")]
     Damaged {
         /// Its name.
         name: String,

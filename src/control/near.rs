@@ -1,10 +1,11 @@
-//! Which control points may be in view of an image? Generous: what is certainly out of view is left out, the selection
+//! Which control points and scenes may be in view of an image? Generous: what is certainly out of view is left out, the selection
 //! of those that orient it best is the prediction's.
 
+use nalgebra::{Vector2, Vector3};
 use sqlx::SqlitePool;
 
-use super::model::StoredControlPoint;
 use super::region::{GeodeticBox, longitude_latitude_deg};
+use super::scenes::{self, StoredScene};
 use super::{ControlError, sqlite};
 use crate::geometry::LocalFrame;
 use crate::orientation::ControlPoint;
@@ -17,11 +18,41 @@ pub struct Reach {
     pub farthest_m: f64,
     /// If more may be in view, those nearest to the middle of the view are taken.
     pub most: usize,
+    /// The most scenes: each costs decoding its picture and describing what it shows.
+    pub most_scenes: usize,
+    /// The most pixels of all their pictures together.
+    pub most_scene_pixels: u64,
+    /// The most bytes of the files of all their pictures together.
+    pub most_scene_bytes: u64,
+}
+
+/// Which control is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kinds {
+    /// Roof lines of buildings.
+    pub lines: bool,
+    /// Small pictures of the ground.
+    pub scenes: bool,
+}
+
+/// What may be in view.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Near {
+    /// Buildings in the local frame, by name.
+    pub lines: Vec<ControlPoint>,
+    /// Scenes whose pictures are not read yet, by name.
+    pub scenes: Vec<StoredScene>,
 }
 
 impl Default for Reach {
     fn default() -> Self {
-        Self { farthest_m: 20_000.0, most: 5_000 }
+        Self {
+            farthest_m: 20_000.0,
+            most: 5_000,
+            most_scenes: 60,
+            most_scene_pixels: 64_000_000,
+            most_scene_bytes: 64 << 20,
+        }
     }
 }
 
@@ -35,9 +66,9 @@ const FLATTEST_VIEW_RAD: f64 = 75.0 * std::f64::consts::PI / 180.0;
 /// The ground is not a plane at the median height: the flying height may be so much larger at the rim.
 const RELIEF: f64 = 1.2;
 
-/// The control points that may be in view, in the local frame, by name.
+/// The control that may be in view.
 ///
-/// The height of the ground is unknown beforehand: it is taken as the median of the nearest control points.
+/// The height of the ground is unknown beforehand: it is taken as the median of the nearest control points and scenes.
 ///
 /// # Errors
 /// [`ControlError`] if the database fails.
@@ -47,29 +78,107 @@ pub async fn around(
     half_view_rad: f64,
     approximation: &Approximation,
     reach: Reach,
-) -> Result<Vec<ControlPoint>, ControlError> {
+    kinds: Kinds,
+) -> Result<Near, ControlError> {
     let centre_m = approximation.orientation.projection_centre_m;
     let place = longitude_latitude_deg(frame.to_geocentric(centre_m));
     let Some(ground_m) = median_height_m(pool, frame, place, reach).await? else {
-        return Ok(Vec::new());
+        return Ok(Near::default());
     };
     // the pipeline may search a second time, wider
     let erring_more = approximation.erring_more();
     let widest = erring_more.as_ref().unwrap_or(approximation);
     let radius_m = view_radius_m(half_view_rad, widest, ground_m).min(reach.farthest_m);
-    let candidates = sqlite::in_box(pool, GeodeticBox::around_place(place, radius_m), 0, usize::MAX).await?;
-    let horizontal_m = |point: &ControlPoint| (point.reference_m - centre_m).xy().norm();
-    let mut near: Vec<ControlPoint> = candidates
-        .iter()
-        .map(|(_, stored)| stored.in_frame(frame))
-        .filter(|point| horizontal_m(point) <= radius_m + extent_m(point))
-        .collect();
-    if near.len() > reach.most {
-        near.sort_by(|a, b| horizontal_m(a).total_cmp(&horizontal_m(b)));
-        near.truncate(reach.most);
+    let region = GeodeticBox::around_place(place, radius_m);
+    let mut near = Near::default();
+    if kinds.lines {
+        let horizontal_m = |point: &ControlPoint| (point.reference_m - centre_m).xy().norm();
+        let candidates = sqlite::in_box(pool, region, 0, usize::MAX).await?;
+        let candidates = candidates.iter().map(|(_, stored)| stored.in_frame(frame));
+        near.lines = candidates.filter(|point| horizontal_m(point) <= radius_m + extent_m(point)).collect();
+        if near.lines.len() > reach.most {
+            near.lines.sort_by(|a, b| horizontal_m(a).total_cmp(&horizontal_m(b)));
+            near.lines.truncate(reach.most);
+        }
+        near.lines.sort_by(|a, b| a.name.cmp(&b.name));
     }
-    near.sort_by(|a, b| a.name.cmp(&b.name));
+    if kinds.scenes {
+        let in_frame = |(_, scene): (i64, StoredScene)| {
+            let place_m = frame.from_geocentric(scene.content.reference_geocentric_m).xy();
+            Candidate { scene, place_m }
+        };
+        let candidates = scenes::in_box(pool, region, 0, usize::MAX).await?.into_iter().map(in_frame);
+        // only its reference is of use
+        let candidates = candidates.filter(|candidate| (candidate.place_m - centre_m.xy()).norm() <= radius_m);
+        near.scenes = chosen(candidates.collect(), &View::new(half_view_rad, approximation, ground_m), reach);
+        near.scenes.sort_by(|a, b| a.content.name.cmp(&b.content.name));
+    }
     Ok(near)
+}
+
+/// A scene with where its reference lies in the local frame.
+struct Candidate {
+    scene: StoredScene,
+    place_m: Vector2<f64>,
+}
+
+/// A circle on the ground that is in view if the approximation is right.
+struct View {
+    middle_m: Vector2<f64>,
+    radius_m: f64,
+}
+
+impl View {
+    fn new(half_view_rad: f64, approximation: &Approximation, ground_m: f64) -> Self {
+        let orientation = &approximation.orientation;
+        let below = Vector3::new(orientation.projection_centre_m.x, orientation.projection_centre_m.y, ground_m);
+        // with a principal distance of 1 the middle of the image is a ray like any other
+        let middle = orientation.ground_point_m(1.0, Vector2::zeros(), ground_m).unwrap_or(below);
+        let slant_m = (orientation.projection_centre_m - middle).norm();
+        Self { middle_m: middle.xy(), radius_m: slant_m * half_view_rad.min(FLATTEST_VIEW_RAD).tan() }
+    }
+}
+
+/// As many scenes as may be decoded: those nearest to the middle of the view or, where even those that are surely in view
+/// are too many, some that are spread over the view, for the corners of an image want control as well.
+fn chosen(mut candidates: Vec<Candidate>, view: &View, reach: Reach) -> Vec<StoredScene> {
+    let off_middle_m = |candidate: &Candidate| (candidate.place_m - view.middle_m).norm();
+    candidates.sort_by(|a, b| off_middle_m(a).total_cmp(&off_middle_m(b)));
+    let in_view = candidates.partition_point(|candidate| off_middle_m(candidate) <= view.radius_m);
+    if in_view > reach.most_scenes {
+        candidates.truncate(in_view);
+        candidates = spread(candidates, reach.most_scenes);
+    }
+    candidates.truncate(reach.most_scenes);
+    let (mut pixels, mut bytes) = (0_u64, 0_u64);
+    let fits = |candidate: &Candidate| {
+        let content = &candidate.scene.content;
+        let [width, height] = content.size_px.map(u64::from);
+        let (more_pixels, more_bytes) = (pixels + width * height, bytes + content.size_bytes);
+        let fits = more_pixels <= reach.most_scene_pixels && more_bytes <= reach.most_scene_bytes;
+        if fits {
+            (pixels, bytes) = (more_pixels, more_bytes);
+        }
+        fits
+    };
+    candidates.into_iter().filter(fits).map(|candidate| candidate.scene).collect()
+}
+
+/// The first one, and then always the one that lies farthest from all that were taken.
+fn spread(mut candidates: Vec<Candidate>, most: usize) -> Vec<Candidate> {
+    let mut taken: Vec<Candidate> = Vec::new();
+    let mut apart_m = vec![f64::INFINITY; candidates.len()];
+    while taken.len() < most && !candidates.is_empty() {
+        // of equals the first
+        let farthest = (0..apart_m.len()).rev().max_by(|a, b| apart_m[*a].total_cmp(&apart_m[*b])).unwrap_or(0);
+        let next = candidates.remove(farthest);
+        apart_m.remove(farthest);
+        for (candidate, apart_m) in candidates.iter().zip(&mut apart_m) {
+            *apart_m = apart_m.min((candidate.place_m - next.place_m).norm());
+        }
+        taken.push(next);
+    }
+    taken
 }
 
 async fn median_height_m(
@@ -80,17 +189,18 @@ async fn median_height_m(
 ) -> Result<Option<f64>, ControlError> {
     let mut radius_m = FIRST_RADIUS_M.min(reach.farthest_m);
     loop {
-        let nearest = sqlite::in_box(pool, GeodeticBox::around_place(place, radius_m), 0, HEIGHTS).await?;
+        let region = GeodeticBox::around_place(place, radius_m);
+        let buildings = sqlite::in_box(pool, region, 0, HEIGHTS).await?;
+        let scenes = scenes::in_box(pool, region, 0, HEIGHTS).await?;
+        let buildings = buildings.iter().map(|(_, point)| point.reference_geocentric_m);
+        let references = buildings.chain(scenes.iter().map(|(_, scene)| scene.content.reference_geocentric_m));
+        let heights_m: Vec<f64> = references.map(|reference| frame.from_geocentric(reference).z).collect();
         let last = radius_m >= reach.farthest_m;
-        if nearest.len() >= ENOUGH_HEIGHTS || last {
-            return Ok(median(nearest.iter().map(|(_, point)| height_m(point, frame)).collect()));
+        if heights_m.len() >= ENOUGH_HEIGHTS || last {
+            return Ok(median(heights_m));
         }
         radius_m = (4.0 * radius_m).min(reach.farthest_m);
     }
-}
-
-fn height_m(point: &StoredControlPoint, frame: &LocalFrame) -> f64 {
-    frame.from_geocentric(point.reference_geocentric_m).z
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {
@@ -121,8 +231,6 @@ fn extent_m(point: &ControlPoint) -> f64 {
 mod tests {
     use super::*;
     use crate::geometry::{Brown, Camera, ExteriorOrientation, rotation};
-    use nalgebra::{Vector2, Vector3};
-
     fn approximation(height_m: f64, omega_rad: f64) -> Approximation {
         Approximation {
             orientation: ExteriorOrientation {

@@ -16,7 +16,7 @@ use super::{ControlError, ImportReport, Mode};
 /// small enough that others get to write in between.
 const BATCH: usize = 2_000;
 
-/// A database of control points alone, in memory, which ends with the pool.
+/// A database of control alone, in memory, which ends with the pool.
 ///
 /// # Errors
 /// [`ControlError`] if SQLite cannot make it.
@@ -24,7 +24,12 @@ pub async fn in_memory() -> Result<SqlitePool, ControlError> {
     // one connection, that never ends: each one would have its own memory
     let options = SqlitePoolOptions::new().max_connections(1).idle_timeout(None).max_lifetime(None);
     let pool = options.connect("sqlite::memory:").await?;
-    sqlx::raw_sql(include_str!("../../migrations/sqlite/0050_control_points.sql")).execute(&pool).await?;
+    for tables in [
+        include_str!("../../migrations/sqlite/0050_control_points.sql"),
+        include_str!("../../migrations/sqlite/0055_control_scenes.sql"),
+    ] {
+        sqlx::raw_sql(tables).execute(&pool).await?;
+    }
     Ok(pool)
 }
 

@@ -193,13 +193,14 @@ async fn what_may_be_in_view_is_found(#[case] lon: f64) {
     let report = import(&pool, &collection(&features.collect::<Vec<_>>()), Mode::Upsert).await;
     assert_eq!(counts(&report), (41 * 41, 0, 0), "{:?}", report.rejected.first());
     let (camera, approximation) = nadir(580.0);
-    let found = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default()).await.unwrap();
+    let found =
+        around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), BOTH).await.unwrap().lines;
     let distance = |point: &crate::orientation::ControlPoint| point.reference_m.xy().norm();
     // 500 m above ground the corner of the view is 417 m away
     assert_eq!(found.iter().filter(|p| distance(p) < 417.0).count(), 57);
     assert!(found.iter().all(|p| distance(p) < 700.0), "{:?}", found.iter().map(distance).fold(0.0, f64::max));
     let few = Reach { most: 9, ..Reach::default() };
-    let found = around(&pool, &frame, camera.half_view_rad(), &approximation, few).await.unwrap();
+    let found = around(&pool, &frame, camera.half_view_rad(), &approximation, few, BOTH).await.unwrap().lines;
     assert!(found.len() == 9 && found.iter().all(|p| distance(p) < 150.0));
 }
 
@@ -207,12 +208,9 @@ async fn what_may_be_in_view_is_found(#[case] lon: f64) {
 async fn an_empty_database_has_nothing_in_view() {
     let (camera, approximation) = nadir(500.0);
     let frame = LocalFrame::at(16.6, 52.7, 0.0);
-    assert!(
-        around(&database().await, &frame, camera.half_view_rad(), &approximation, Reach::default())
-            .await
-            .unwrap()
-            .is_empty()
-    );
+    let pool = database().await;
+    let near = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), BOTH).await.unwrap();
+    assert_eq!(near, Near::default());
 }
 
 #[tokio::test]
@@ -246,9 +244,145 @@ async fn a_view_is_found_among_many() {
     let (camera, approximation) = nadir(580.0);
     let began = std::time::Instant::now();
     for _ in 0..20 {
-        let found = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default()).await.unwrap();
+        let found =
+            around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), BOTH).await.unwrap().lines;
         assert_eq!(found.iter().map(|point| point.name.as_str()).collect::<Vec<_>>(), ["100,70"]);
     }
     let milliseconds = began.elapsed().as_secs_f64() * 50.0;
     assert!(milliseconds < 50.0, "{milliseconds} ms each");
+}
+
+fn content(name: &str, geocentric_m: Vector3<f64>) -> SceneContent {
+    SceneContent {
+        name: name.into(),
+        size_px: [200, 100],
+        gsd_m: 0.5,
+        azimuth_of_image_up_deg: 90.0,
+        sigma_azimuth_deg: 5.0,
+        reference_px: [20.0, 10.0],
+        reference_geocentric_m: geocentric_m,
+        sigma_m: 0.1,
+        media_type: "image/png".into(),
+        size_bytes: 3,
+        sha256: [7; 32],
+    }
+}
+
+async fn add(pool: &SqlitePool, content: &SceneContent) -> scenes::Written {
+    let now = chrono::DateTime::from_timestamp(1_800_000_000, 0).unwrap();
+    scenes::write(pool, uuid::Uuid::now_v7(), content, b"abc", now).await.unwrap()
+}
+
+#[tokio::test]
+async fn a_scene_comes_back_to_the_last_bit_and_is_replaced_by_its_name() {
+    let pool = database().await;
+    let first = content("square", LocalFrame::at(16.6, 52.7, 70.123_456_789).to_geocentric(Vector3::zeros()));
+    let written = add(&pool, &first).await;
+    assert!(written.new && written.scene.content == first);
+    let id = written.scene.public_id;
+    for known_as in ["square", &id.to_string()] {
+        assert_eq!(scenes::by_id_or_name(&pool, known_as).await.unwrap().unwrap(), written.scene);
+    }
+    let (same, file) = scenes::with_picture(&pool, id).await.unwrap().unwrap();
+    assert_eq!((same, file.as_slice()), (written.scene, b"abc".as_slice()));
+    let moved = content("square", LocalFrame::at(16.7, 52.7, 70.0).to_geocentric(Vector3::zeros()));
+    let replaced = add(&pool, &moved).await;
+    assert!(!replaced.new && replaced.scene.public_id == id && replaced.scene.content == moved);
+    let at =
+        async |lon: f64| scenes::in_box(&pool, GeodeticBox::around_place([lon, 52.7], 10.0), 0, 9).await.unwrap().len();
+    assert_eq!([at(16.6).await, at(16.7).await], [0, 1]);
+    add(&pool, &content("other", first.reference_geocentric_m)).await;
+    assert_eq!(scenes::remove_all_but(&pool, &["other"]).await.unwrap(), 1);
+    assert!(!scenes::remove(&pool, "square").await.unwrap());
+    assert!(scenes::with_picture(&pool, id).await.unwrap().is_none());
+    assert!(scenes::remove(&pool, "other").await.unwrap());
+    assert!(scenes::all(&pool, 0, 9).await.unwrap().is_empty());
+}
+
+/// The second try of a request whose first one was cut off after it had written.
+#[tokio::test]
+async fn what_is_written_again_under_its_id_is_new_still() {
+    let pool = database().await;
+    let content = content("square", LocalFrame::at(16.6, 52.7, 70.0).to_geocentric(Vector3::zeros()));
+    let (id, now) = (uuid::Uuid::now_v7(), chrono::DateTime::from_timestamp(1_800_000_000, 0).unwrap());
+    for _ in 0..2 {
+        assert!(scenes::write(&pool, id, &content, b"abc", now).await.unwrap().new);
+    }
+}
+
+#[test]
+fn the_corners_of_a_scene_lie_where_its_azimuth_says() {
+    let there = LocalFrame::at(16.6, 52.7, 70.0);
+    let corners = content("square", there.to_geocentric(Vector3::zeros())).corners_geocentric_m();
+    // up is east: the left of the picture is north
+    let expected = [[5.0, 10.0], [5.0, -90.0], [-45.0, -90.0], [-45.0, 10.0]];
+    for (corner, [east_m, north_m]) in corners.into_iter().zip(expected) {
+        let local_m = there.from_geocentric(corner);
+        assert!((local_m - Vector3::new(east_m, north_m, 0.0)).norm() < 1e-6, "{local_m}");
+    }
+}
+
+#[test]
+fn the_azimuth_of_a_scene_follows_the_meridians() {
+    let frame = LocalFrame::at(16.6, 52.7, 0.0);
+    let content = content("square", LocalFrame::at(16.7, 52.7, 70.0).to_geocentric(Vector3::zeros()));
+    let point = content.in_frame(&frame, vec![0.0; 20_000]);
+    let scene = point.scene.unwrap();
+    assert!(point.edges_m.is_empty() && [scene.width, scene.height] == [200, 100]);
+    // to the east, north turns to the left: by the difference of longitude times the sine of the latitude
+    let expected = std::f64::consts::FRAC_PI_2 - 0.1_f64.to_radians() * 52.7_f64.to_radians().sin();
+    assert!((scene.azimuth_of_image_up_rad - expected).abs() < 1e-5, "{}", scene.azimuth_of_image_up_rad);
+}
+
+const BOTH: Kinds = Kinds { lines: true, scenes: true };
+
+#[tokio::test]
+async fn scenes_that_may_be_in_view_are_found_with_their_own_ground() {
+    let pool = database().await;
+    let frame = LocalFrame::at(16.6, 52.7, 0.0);
+    for (name, east_m) in [("below", 0.0), ("beside", 400.0), ("far", 3_000.0)] {
+        add(&pool, &content(name, frame.to_geocentric(Vector3::new(east_m, 0.0, 80.0)))).await;
+    }
+    import(&pool, &collection(&[feature("house", 16.6, 52.7, 80.0)]), Mode::Upsert).await;
+    let (camera, approximation) = nadir(580.0);
+    let found = async |kinds| {
+        let near =
+            around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), kinds).await.unwrap();
+        let scenes = near.scenes.into_iter().map(|scene| scene.content.name);
+        near.lines.into_iter().map(|point| point.name).chain(scenes).collect::<Vec<_>>()
+    };
+    assert_eq!(found(BOTH).await, ["house", "below", "beside"]);
+    assert_eq!(found(Kinds { lines: false, ..BOTH }).await, ["below", "beside"]);
+    assert_eq!(found(Kinds { scenes: false, ..BOTH }).await, ["house"]);
+    sqlx::query("DELETE FROM control_point_boxes").execute(&pool).await.unwrap();
+    assert_eq!(found(BOTH).await, ["below", "beside"]);
+}
+
+#[tokio::test]
+async fn of_many_scenes_in_view_some_are_taken_that_are_spread_over_it() {
+    let pool = database().await;
+    let frame = LocalFrame::at(16.6, 52.7, 0.0);
+    for (x, y) in (-7..=7).flat_map(|x| (-7..=7).map(move |y| (x, y))) {
+        let place = Vector3::new(60.0 * f64::from(x), 60.0 * f64::from(y), 80.0);
+        add(&pool, &content(&format!("{x},{y}"), frame.to_geocentric(place))).await;
+    }
+    let (camera, approximation) = nadir(580.0);
+    let found = async |reach| {
+        let near = around(&pool, &frame, camera.half_view_rad(), &approximation, reach, BOTH).await.unwrap();
+        near.scenes
+    };
+    let far_m = |scenes: &[StoredScene]| {
+        let off_m = scenes.iter().map(|s| frame.from_geocentric(s.content.reference_geocentric_m).xy().norm());
+        off_m.fold(0.0, f64::max)
+    };
+    let some = found(Reach { most_scenes: 12, ..Reach::default() }).await;
+    // the corners of the view are 417 m away
+    assert_eq!(some.len(), 12);
+    assert!((350.0..417.0).contains(&far_m(&some)), "{}", far_m(&some));
+    // a few more than are surely in view: the nearest
+    let most = found(Reach { most_scenes: 170, ..Reach::default() }).await;
+    assert!(most.len() == 170 && far_m(&most) < 470.0, "{} {}", most.len(), far_m(&most));
+    // each has 20 000 pixels and 3 bytes
+    assert_eq!(found(Reach { most_scene_pixels: 100_000, ..Reach::default() }).await.len(), 5);
+    assert_eq!(found(Reach { most_scene_bytes: 20, ..Reach::default() }).await.len(), 6);
 }

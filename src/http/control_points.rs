@@ -11,16 +11,14 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use super::area::{DEFAULT_CRS, Rectangle, cursor, known_crs};
 use super::extract::{Path, Query, body_problem, media_type, refuse_encoded};
 use super::page::{Page, Wanted};
 use super::problem::Problem;
 use super::state::AppState;
 use crate::control::geojson::{self, ControlPointFeature};
-use crate::control::{CollectionError, ControlError, GeodeticBox, ImportReport, Mode, Source, sqlite};
-use crate::geometry::Crs;
+use crate::control::{CollectionError, ControlError, ImportReport, Mode, Source, sqlite};
 use crate::report::Warning;
-
-const DEFAULT_CRS: &str = "EPSG:4979";
 
 /// The routes of the control points.
 pub fn routes() -> OpenApiRouter<AppState> {
@@ -176,12 +174,17 @@ async fn list(
             }
             after = id;
             let feature = geojson::feature(&point, &target);
-            items.extend(feature.filter(|f| rectangle.as_ref().is_none_or(|rectangle| rectangle.touches(f))));
+            items
+                .extend(feature.filter(|f| rectangle.as_ref().is_none_or(|rectangle| rectangle.touches(positions(f)))));
         }
         if last {
             return Ok(axum::Json(Page { items, next_cursor: None }));
         }
     }
+}
+
+fn positions(feature: &ControlPointFeature) -> impl Iterator<Item = [f64; 3]> {
+    feature.geometry.coordinates.iter().flatten().copied().chain([feature.properties.reference])
 }
 
 /// Show a control point
@@ -206,86 +209,6 @@ async fn read(
     let feature =
         feature.ok_or_else(|| Problem::invalid_field("?crs", format!("the control point does not lie in {crs}")));
     Ok(axum::Json(feature?))
-}
-
-/// A CRS that is known, with an undulation that makes sense.
-fn known_crs(given: &str, geoid_undulation_m: Option<f64>) -> Result<Crs, Problem> {
-    let crs = Crs::parse(given).map_err(|error| Problem::invalid_field("?crs", error.to_string()))?;
-    if geoid_undulation_m.is_some_and(|undulation_m| !(-150.0..=150.0).contains(&undulation_m)) {
-        let detail = "geoid_undulation_m must be from -150 to 150 m";
-        return Err(Problem::invalid_field("?geoid_undulation_m", detail));
-    }
-    Ok(crs)
-}
-
-fn cursor(given: Option<&str>) -> Result<i64, Problem> {
-    let detail = "cursor is not one that this service has given; begin without one";
-    given.map_or(Ok(0), |text| text.parse().map_err(|_| Problem::invalid_field("?cursor", detail)))
-}
-
-/// A rectangle in some CRS.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Rectangle {
-    min: [f64; 2],
-    max: [f64; 2],
-}
-
-/// Points on each side of a rectangle whose places bound it on the ellipsoid.
-const STEPS: u32 = 16;
-
-impl Rectangle {
-    fn parse(text: &str) -> Result<Self, Problem> {
-        let refuse = |detail: &str| Problem::invalid_field("?bbox", format!("bbox is {text:?}; {detail}"));
-        let numbers: Vec<f64> = text.split(',').map_while(|number| number.trim().parse().ok()).collect();
-        let [min_x, min_y, max_x, max_y] = numbers[..] else {
-            return Err(refuse("it must be four numbers: min_x,min_y,max_x,max_y"));
-        };
-        if text.split(',').count() != 4 || !numbers.iter().all(|number| number.is_finite()) {
-            return Err(refuse("it must be four finite numbers: min_x,min_y,max_x,max_y"));
-        }
-        if min_x > max_x || min_y > max_y {
-            return Err(refuse("its minimum is above its maximum"));
-        }
-        Ok(Self { min: [min_x, min_y], max: [max_x, max_y] })
-    }
-
-    /// Its longitudes and latitudes, rather too many than too few.
-    fn region(&self, crs: &Crs) -> Result<GeodeticBox, Problem> {
-        let at = |step: u32, axis: usize| {
-            self.min[axis] + (self.max[axis] - self.min[axis]) * f64::from(step) / f64::from(STEPS)
-        };
-        let rim = (0..=STEPS).flat_map(|step| {
-            [
-                [at(step, 0), self.min[1]],
-                [at(step, 0), self.max[1]],
-                [self.min[0], at(step, 1)],
-                [self.max[0], at(step, 1)],
-            ]
-        });
-        let places = rim
-            .map(|[x, y]| {
-                Ok(crate::control::region::longitude_latitude_deg(crs.geocentric_from_position([x, y, 0.0], None)?))
-            })
-            .collect::<Result<Vec<_>, crate::geometry::CrsError>>()
-            .map_err(|error| Problem::invalid_field("?bbox", error.to_string()))?;
-        if crs.is_geographic() {
-            let ([min_lon_deg, min_lat_deg], [max_lon_deg, max_lat_deg]) = (self.min, self.max);
-            return Ok(GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg });
-        }
-        Ok(GeodeticBox::around_points(places).widened())
-    }
-
-    fn touches(&self, feature: &ControlPointFeature) -> bool {
-        let lines = feature.geometry.coordinates.iter().flatten();
-        let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for position in lines.chain([&feature.properties.reference]) {
-            for axis in 0..2 {
-                min[axis] = min[axis].min(position[axis]);
-                max[axis] = max[axis].max(position[axis]);
-            }
-        }
-        (0..2).all(|axis| min[axis] <= self.max[axis] && max[axis] >= self.min[axis])
-    }
 }
 
 impl From<ControlError> for Problem {

@@ -206,11 +206,11 @@ fn declared_digest(headers: &HeaderMap, name: &'static str) -> Result<Option<[u8
     })
 }
 
-fn content_length(headers: &HeaderMap) -> Option<u64> {
+pub(super) fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
-fn refuse_if_no_room(state: &AppState, needed_bytes: u64) -> Result<(), Problem> {
+pub(super) fn refuse_if_no_room(state: &AppState, needed_bytes: u64) -> Result<(), Problem> {
     let (free, reserve) = (state.store.free_bytes()?, state.configuration.disk_reserve_bytes);
     if needed_bytes.saturating_add(reserve) > free {
         return Err(Problem::storage_full(&format!("{needed_bytes} bytes wanted, {free} free, {reserve} in reserve")));

@@ -5,9 +5,11 @@
 //! its routes in [`access::ROUTES`], which says who may call it. A route that is not listed there answers nobody.
 
 pub mod access;
+mod area;
 pub mod cameras;
 pub mod classifiers;
 pub mod control_points;
+pub mod control_scenes;
 pub mod extract;
 pub mod health;
 pub mod idempotency;
@@ -47,6 +49,7 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(mark_templates::routes())
         .merge(images::routes())
         .merge(control_points::routes())
+        .merge(control_scenes::routes())
         .merge(interior_orientations::routes())
         .merge(orientations::routes())
         .merge(references::routes())

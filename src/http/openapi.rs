@@ -20,8 +20,8 @@ const DOCUMENT: &str = "/api/v1/openapi.json";
 #[openapi(
     info(
         title = "Gable",
-        description = "Exterior orientation of single aerial images from roof lines of buildings, with a verdict on its \
-                       own answer.\n\nErrors are `application/problem+json`. Lists are paged: give `next_cursor` as \
+        description = "Exterior orientation of single aerial images from roof lines of buildings and small pictures of \
+                       the ground, with a verdict on its own answer.\n\nErrors are `application/problem+json`. Lists are paged: give `next_cursor` as \
                        `cursor` to get on. A `POST` with an `Idempotency-Key` that is sent again with the same body \
                        gives the first answer again. Ids are UUIDv7, times RFC 3339 in UTC.",
     ),
@@ -31,6 +31,7 @@ const DOCUMENT: &str = "/api/v1/openapi.json";
         (name = "cameras", description = "Interior orientations."),
         (name = "images", description = "Aerial images."),
         (name = "control points", description = "Buildings whose roof edges are known."),
+        (name = "control scenes", description = "Small georeferenced pictures of the ground."),
         (name = "interior orientations", description = "How films lie in their scans, from fiducial marks."),
         (name = "orientations", description = "Where images were taken, with a verdict on each answer."),
         (name = "diagnosis", description = "What the verdicts are learned from, and which classifier decides."),

@@ -10,20 +10,22 @@ use uuid::Uuid;
 use super::active::ActiveError;
 use super::camera_model::{CameraModelError, camera_model};
 use super::request::{CameraModel, Prepared, Work};
+use super::scenes::ControlNear;
 use super::watcher::{Signal, Watcher};
 use super::{Change, Inner, Orient};
 use crate::classifiers::Record;
-use crate::control::{self, ControlError};
+use crate::control::ControlError;
 use crate::diagnosis::Verdict;
 use crate::features::{Picture as _, PictureError};
 use crate::geometry::{Camera, CrsError};
 use crate::imagery::{self, ImageFile, ImageryError, Limits};
 use crate::orientation::ControlPoint;
-use crate::pipeline::{ControlPointResult, Fault, FilmOutcome, Observer, Outcome, orient_film};
+use crate::pipeline::{ControlKind, ControlPointResult, Fault, FilmOutcome, Observer, Outcome, orient_film};
 use crate::report::interior::InteriorResult;
 use crate::report::overlay::Drawing;
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
+use crate::store::images::INCOMING;
 use crate::store::orientations::{self, Failure, Finished, Orientation, Status};
 use crate::store::sightings::Sighting;
 
@@ -132,7 +134,9 @@ pub fn oriented(
         report::result(&outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
     result.interior_orientation = interior;
     let accepted = outcome.diagnosis.verdict == Verdict::Green;
-    let sightings = outcome.control_points.iter().filter(|_| accepted).map(sighting).collect();
+    // of buildings only: a scene may have the name of one
+    let buildings = outcome.control_points.iter().filter(|point| point.kind == ControlKind::Lines);
+    let sightings = buildings.filter(|_| accepted).map(sighting).collect();
     Ok(Oriented { result, drawing: Drawing::of(&outcome), record: Record::of(&outcome), sightings })
 }
 
@@ -161,7 +165,7 @@ pub struct Oriented {
     pub drawing: Drawing,
     /// What the verdict rested on.
     pub record: Record,
-    /// What an accepted image says of its control points.
+    /// What an accepted image says of the buildings among its control points.
     pub sightings: Vec<(String, Sighting)>,
 }
 
@@ -180,7 +184,7 @@ struct Loaded {
     path: PathBuf,
     prepared: Prepared,
     work: Work,
-    control: Vec<ControlPoint>,
+    control: ControlNear,
 }
 
 /// What is written to the row at the end of an attempt.
@@ -259,10 +263,13 @@ impl Inner {
         signal: Arc<Signal>,
     ) -> Result<Finished, AttemptError> {
         let Loaded { path, prepared, work, control } = self.load(orientation).await?;
-        tracing::info!(id = %orientation.id, attempt = orientation.attempts, control_points = control.len(), "orienting");
+        let [buildings, scenes] = control.counts();
+        tracing::info!(id = %orientation.id, attempt = orientation.attempts, buildings, scenes, "orienting");
         let (watcher, noted) = Watcher::new(orientation.id, signal, self.changes.clone());
         let (orient, limits) = (self.orient.clone(), self.settings.limits.clone());
+        let incoming = self.store.folder().join(INCOMING);
         let mut blocking = tokio::task::spawn_blocking(move || {
+            let control = control.read(&work.frame, &incoming, &limits);
             let oriented = oriented(&orient, &path, &limits, &control, (&prepared, &work), &watcher);
             watcher.end();
             oriented
@@ -288,10 +295,7 @@ impl Inner {
         let camera = camera.ok_or(AttemptError::Missing { what: "camera" })?;
         let prepared: Prepared = serde_json::from_str(&orientation.prepared)?;
         let work = prepared.work(camera, &self.active.get(&self.store).await?)?;
-        let pool = self.store.pool();
-        let control =
-            control::around(pool, &work.frame, work.camera.half_view_rad(), &work.approximation, self.settings.reach)
-                .await?;
+        let control = ControlNear::find(self.store.pool(), &work, self.settings.reach, prepared.kinds()).await?;
         Ok(Loaded { path: self.store.image_path(&image.sha256), prepared, work, control })
     }
 

@@ -13,6 +13,7 @@ pub mod film_camera;
 pub mod interior;
 mod queue;
 pub mod request;
+pub mod scenes;
 #[cfg(test)]
 mod tests;
 pub mod training;

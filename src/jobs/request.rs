@@ -12,11 +12,12 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use approximation::{ApproximationRequest, NUMBERS_ASSUMED};
+pub use approximation::{ApproximationRequest, NUMBERS_ASSUMED, place_of};
 pub use policy::{CostsRequest, PolicyGiven};
 pub use scan::{Reading, ScanRequest, TransformationKind};
 
 use super::active::NamedClassifier;
+use crate::control::Kinds;
 use crate::geometry::{Camera, Crs, CrsError, ExteriorOrientation, LocalFrame, rotation};
 use crate::imagery::{ExifHeading, ExifPosition, Probe};
 use crate::interior::{FilmCamera, Wanted};
@@ -59,9 +60,9 @@ pub struct OrientationRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = json!(null))]
     pub threshold: Option<f64>,
-    /// Which control is used; default: whatever there is. Control scenes are not available yet.
+    /// Which control is used; default: whatever there is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub control: Option<ControlKind>,
+    pub control: Option<ControlChoice>,
     /// How a scan of film is brought to its camera's plate; only with a film camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = json!(null))]
@@ -76,15 +77,22 @@ pub struct OrientationRequest {
 }
 
 /// Kinds of control.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
-pub enum ControlKind {
+pub enum ControlChoice {
     /// Roof lines of buildings.
     Lines,
-    /// Small pictures of the ground (not available yet).
+    /// Control scenes: small pictures of the ground.
     Scenes,
     /// Whatever there is of both.
+    #[default]
     Both,
+}
+
+impl From<ControlChoice> for Kinds {
+    fn from(choice: ControlChoice) -> Self {
+        Self { lines: choice != ControlChoice::Scenes, scenes: choice != ControlChoice::Lines }
+    }
 }
 
 /// What is known of the image's file.
@@ -126,6 +134,9 @@ pub struct Prepared {
     /// How a scan of film is brought to its camera's plate.
     #[serde(default)]
     pub scan: ScanRequest,
+    /// Which control is used.
+    #[serde(default)]
+    pub control: ControlChoice,
     /// The CRS of the result.
     pub output_crs: String,
     /// Above which its heights are, if not the ellipsoid.
@@ -235,7 +246,8 @@ impl OrientationRequest {
         let output = approximation.as_ref().and_then(|used| self.output(used, &mut faults, &mut warnings));
         match (approximation, tolerance, output) {
             (Some(approximation), Some(tolerance), Some((output_crs, output_vertical))) if faults.0.is_empty() => {
-                Ok(Prepared { approximation, tolerance, policy, scan, output_crs, output_vertical, warnings })
+                let control = self.control.unwrap_or_default();
+                Ok(Prepared { approximation, tolerance, policy, scan, control, output_crs, output_vertical, warnings })
             }
             _ => Err(faults.0),
         }
@@ -263,9 +275,6 @@ impl OrientationRequest {
     }
 
     fn check_what_is_not_there_yet(&self, faults: &mut Faults) {
-        if self.control == Some(ControlKind::Scenes) {
-            faults.add("/control", "control scenes are not available yet; use \"lines\" or leave it out");
-        }
         if self.webhook.is_some() {
             faults.add(
                 "/webhook",
@@ -338,6 +347,12 @@ impl Prepared {
     pub fn frame(&self) -> Result<LocalFrame, CrsError> {
         let place = LocalFrame::about(geocentric(&self.approximation)?);
         Ok(LocalFrame::at(place.longitude_deg(), place.latitude_deg(), 0.0))
+    }
+
+    /// Which control is looked for.
+    #[must_use]
+    pub fn kinds(&self) -> Kinds {
+        self.control.into()
     }
 
     /// The task for the pipeline.

@@ -127,11 +127,22 @@ pub struct ConsensusResult {
     pub inliers: usize,
 }
 
+/// Kinds of control points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ControlKind {
+    /// A building whose roof edges are known.
+    Lines,
+    /// A control scene: a small picture of the ground.
+    Scene,
+}
+
 /// What became of one control point that was expected in the image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlPointResult {
     /// Its name.
     pub name: String,
+    /// What it is.
+    pub kind: ControlKind,
     /// Its reference point under the approximate orientation, in pixels of the file.
     pub predicted_px: Option<Vector2<f64>>,
     /// Its reference point where the adjustment found it; `None` if it took no part.

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::{ControlPointResult, ControlPointSensitivity, EdgeResult, GroundBounds, Outcome, PairResult};
+use super::{ControlKind, ControlPointResult, ControlPointSensitivity, EdgeResult, GroundBounds, Outcome, PairResult};
 use crate::diagnosis::{Diagnosis, GroundSensitivity, Sensitivities};
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::orientation::ControlPoint;
@@ -157,6 +157,7 @@ fn control_point_result(
         adjustment.and_then(|a| a.buildings.iter().zip(&a.kept).find(|(b, _)| b.control_point == index).zip(Some(a)));
     let mut result = ControlPointResult {
         name: control_point.name.clone(),
+        kind: if control_point.scene.is_some() { ControlKind::Scene } else { ControlKind::Lines },
         predicted_px: approximate.pixel(camera, control_point.reference_m),
         located_px: None,
         used: false,

@@ -14,8 +14,8 @@ pub use result::{ApproximationOrigin, ApproximationUsed, ClassifierUsed, Orienta
 use crate::diagnosis::{Diagnosis, Features, Verdict};
 use crate::geometry::{Crs, CrsError, LocalFrame, rotation};
 use crate::pipeline::{
-    ConsensusResult, ControlPointResult, ControlPointSensitivity, Cost, Estimate, GroundBounds, GroundPrecision,
-    Outcome, PairResult, SearchReport,
+    ConsensusResult, ControlKind, ControlPointResult, ControlPointSensitivity, Cost, Estimate, GroundBounds,
+    GroundPrecision, Outcome, PairResult, SearchReport,
 };
 use result::{
     ConsensusReport, ControlPointReport, CostReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint,
@@ -171,6 +171,10 @@ fn covariance(
 fn control_point(point: &ControlPointResult) -> ControlPointReport {
     ControlPointReport {
         name: point.name.clone(),
+        kind: match point.kind {
+            ControlKind::Lines => "lines",
+            ControlKind::Scene => "scene",
+        },
         predicted_px: point.predicted_px.and_then(pixel),
         located_px: point.located_px.and_then(pixel),
         used: point.used,

@@ -118,6 +118,9 @@ pub struct CovarianceResult {
 pub struct ControlPointReport {
     /// Its name.
     pub name: String,
+    /// `lines`: a building whose roof edges are known. `scene`: a small picture of the ground.
+    #[schema(example = "lines")]
+    pub kind: &'static str,
     /// Its reference point under the approximate orientation.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<f64>>)]

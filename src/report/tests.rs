@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::*;
 use crate::diagnosis::Reason;
 use crate::geometry::{ExteriorOrientation, Segment2};
-use crate::pipeline::{EdgeResult, Guarantee};
+use crate::pipeline::{ControlKind, EdgeResult, Guarantee};
 
 fn frame() -> LocalFrame {
     LocalFrame::at(16.6, 52.77, 0.0)
@@ -33,6 +33,7 @@ fn decides() -> ClassifierUsed {
 fn outcome() -> Outcome {
     let point = |used| ControlPointResult {
         name: "church".into(),
+        kind: ControlKind::Lines,
         predicted_px: Some(Vector2::new(100.0, 200.0)),
         located_px: Some(Vector2::new(110.0, 190.0)),
         used,
@@ -234,7 +235,7 @@ fn the_json_has_the_names_of_the_contract() {
     expect("/covariance", vec!["order", "matrix"]);
     expect(
         "/control_points/0",
-        vec!["name", "predicted_px", "located_px", "used", "segments_matched", "residual_px", "sensitivity"],
+        vec!["name", "kind", "predicted_px", "located_px", "used", "segments_matched", "residual_px", "sensitivity"],
     );
     let sensitivity = vec!["discrepancy_px", "test", "contradicts", "change_m", "empirical_m", "theoretical_m"];
     expect("/control_points/0/sensitivity", sensitivity);

@@ -8,6 +8,7 @@ mod cameras;
 mod command_line;
 mod contract;
 mod control_points;
+mod control_scenes;
 mod crash;
 mod database;
 mod diagnosis;

@@ -9,7 +9,7 @@ use axum::http::Request;
 use gable::diagnosis::{Diagnosis, Reason, Verdict};
 use gable::geometry::Segment2;
 use gable::jobs::Orient;
-use gable::pipeline::{ControlPointResult, EdgeResult, Estimate, Fault, Outcome, Stage, Task};
+use gable::pipeline::{ControlKind, ControlPointResult, EdgeResult, Estimate, Fault, Outcome, Stage, Task};
 use nalgebra::{Matrix6, Vector2};
 use serde_json::{Value, json};
 use tokio_util::sync::{CancellationToken, DropGuard};
@@ -29,6 +29,7 @@ fn outcome(task: &Task) -> Outcome {
         }),
         control_points: vec![ControlPointResult {
             name: "church".into(),
+            kind: ControlKind::Lines,
             predicted_px: Some(Vector2::new(20.0, 40.0)),
             located_px: Some(Vector2::new(30.0, 35.0)),
             used: true,
@@ -327,7 +328,7 @@ async fn what_makes_no_sense_is_refused_with_its_pointer_and_changes_nothing() {
         ("/approximation/omega_deg", json!("tilted"), "/approximation/omega_deg"),
         ("/approximation/omega_deg", json!(1e300), "/approximation/omega_deg"),
         ("/tolerance_gsd", json!(-1), "/tolerance_gsd"),
-        ("/control", json!("scenes"), "/control"),
+        ("/control", json!("points"), "/control"),
         ("/webhook", json!("https://example.org/hook"), "/webhook"),
         ("/output_crs", json!("EPSG:2"), "/output_crs"),
     ];

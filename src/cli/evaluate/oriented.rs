@@ -47,7 +47,7 @@ impl Observer for Nobody {
 
 /// Orients all images with all approximations.
 pub(super) fn orient_all(folder: &Path, asked: &Evaluate, loaded: &Loaded) -> anyhow::Result<Vec<LabelledImage>> {
-    let dataset = Dataset::read(folder)?;
+    let dataset = Dataset::read(folder, asked.control.into())?;
     let images: Vec<&DatasetImage> =
         dataset.images.iter().filter(|image| image.control_points_in_view >= asked.min_in_view).collect();
     let runs = (images.len() * asked.approximation.len()) as u64 * (1 + asked.draws);

@@ -80,6 +80,10 @@ fn control_points(text: &mut String, result: &OrientationResult) {
     let _ = writeln!(text, "\n{} control points expected, {located} located, {used} used", points.len());
     for point in points.iter().filter(|point| point.used) {
         let residual = point.residual_px.map_or_else(|| "-".to_owned(), |residual| format!("{residual:.2} px"));
-        let _ = writeln!(text, "  {:<32} {:>3} segments, {residual}", point.name, point.segments_matched);
+        let found = match point.kind {
+            "scene" => format!("{:>12}", "scene"),
+            _ => format!("{:>3} segments", point.segments_matched),
+        };
+        let _ = writeln!(text, "  {:<32} {found}, {residual}", point.name);
     }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use gable::imagery::{ImageFile, Limits};
+use gable::jobs::request::ControlChoice;
 use gable::orientation::ControlPoint;
 use gable::study::Mixture;
 use gable::study::likeness::{Known, Likeness, measure, side_by_side};
@@ -41,7 +42,7 @@ fn of_scene(mixture: Mixture, seed: u64) -> anyhow::Result<Likeness> {
 }
 
 fn of_dataset(folder: &Path) -> anyhow::Result<(String, Likeness)> {
-    let Dataset { name, camera, control, images, .. } = Dataset::read(folder)?;
+    let Dataset { name, camera, control, images, .. } = Dataset::read(folder, ControlChoice::Lines.into())?;
     let of_image = |image: &DatasetImage| {
         let picture = ImageFile::open(&image.file, &Limits::default())?;
         let (truth, approximate) = (image.reference, image.attitude.orientation);

@@ -210,7 +210,8 @@ impl ApproximationRequest {
 }
 
 /// The part of a position that an error is about, as the end of a JSON pointer.
-fn place_of(error: &CrsError) -> String {
+#[must_use]
+pub fn place_of(error: &CrsError) -> String {
     match error {
         CrsError::OutOfRange { index, .. } => format!("/coordinates/{index}"),
         CrsError::Undulation { .. } | CrsError::UndulationWithoutHeight { .. } => {

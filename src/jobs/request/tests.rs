@@ -84,11 +84,30 @@ fn a_complete_request_is_taken_as_it_is() {
 #[case("/tolerance_m", json!(1), "/tolerance_m")]
 #[case("/output_crs", json!("EPSG:0"), "/output_crs")]
 #[case("/output_crs", json!("EPSG:25832"), "/output_crs")]
-#[case("/control", json!("scenes"), "/control")]
 #[case("/webhook", json!("https://example.org"), "/webhook")]
 fn a_bad_field_is_named(#[case] pointer: &str, #[case] value: Value, #[case] named: &str) {
     let faults = with(pointer, value).prepare(Some([4000, 3000]), &bare()).unwrap_err();
     assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), [named], "{faults:?}");
+}
+
+#[rstest]
+#[case(json!("lines"), [true, false])]
+#[case(json!("scenes"), [false, true])]
+#[case(json!("both"), [true, true])]
+#[case(Value::Null, [true, true])]
+fn the_control_is_that_which_was_chosen(#[case] control: Value, #[case] wanted: [bool; 2]) {
+    let prepared = with("/control", control).prepare(Some([4000, 3000]), &bare()).unwrap();
+    let again: Prepared = serde_json::from_value(serde_json::to_value(&prepared).unwrap()).unwrap();
+    assert_eq!([again.kinds().lines, again.kinds().scenes], wanted);
+}
+
+#[test]
+fn what_was_prepared_before_there_were_scenes_is_understood() {
+    let prepared = request(complete()).prepare(Some([4000, 3000]), &bare()).unwrap();
+    let mut stored = serde_json::to_value(prepared).unwrap();
+    stored.as_object_mut().unwrap().remove("control").unwrap();
+    let again: Prepared = serde_json::from_value(stored).unwrap();
+    assert_eq!(again.control, ControlChoice::Both);
 }
 
 #[test]

@@ -1,0 +1,89 @@
+//! Parts of the earth that a query asks for.
+
+use super::problem::Problem;
+use crate::control::GeodeticBox;
+use crate::control::region::longitude_latitude_deg;
+use crate::geometry::{Crs, CrsError};
+
+/// The CRS of an answer if the query does not say.
+pub(super) const DEFAULT_CRS: &str = "EPSG:4979";
+
+/// A CRS that is known, with an undulation that makes sense.
+pub(super) fn known_crs(given: &str, geoid_undulation_m: Option<f64>) -> Result<Crs, Problem> {
+    let crs = Crs::parse(given).map_err(|error| Problem::invalid_field("?crs", error.to_string()))?;
+    if geoid_undulation_m.is_some_and(|undulation_m| !(-150.0..=150.0).contains(&undulation_m)) {
+        let detail = "geoid_undulation_m must be from -150 to 150 m";
+        return Err(Problem::invalid_field("?geoid_undulation_m", detail));
+    }
+    Ok(crs)
+}
+
+/// Where the next page begins, as the page before has told.
+pub(super) fn cursor(given: Option<&str>) -> Result<i64, Problem> {
+    let detail = "cursor is not one that this service has given; begin without one";
+    given.map_or(Ok(0), |text| text.parse().map_err(|_| Problem::invalid_field("?cursor", detail)))
+}
+
+/// A rectangle in some CRS.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rectangle {
+    min: [f64; 2],
+    max: [f64; 2],
+}
+
+/// Points on each side of a rectangle whose places bound it on the ellipsoid.
+const STEPS: u32 = 16;
+
+impl Rectangle {
+    /// Understands `min_x,min_y,max_x,max_y`.
+    pub(super) fn parse(text: &str) -> Result<Self, Problem> {
+        let refuse = |detail: &str| Problem::invalid_field("?bbox", format!("bbox is {text:?}; {detail}"));
+        let numbers: Vec<f64> = text.split(',').map_while(|number| number.trim().parse().ok()).collect();
+        let [min_x, min_y, max_x, max_y] = numbers[..] else {
+            return Err(refuse("it must be four numbers: min_x,min_y,max_x,max_y"));
+        };
+        if text.split(',').count() != 4 || !numbers.iter().all(|number| number.is_finite()) {
+            return Err(refuse("it must be four finite numbers: min_x,min_y,max_x,max_y"));
+        }
+        if min_x > max_x || min_y > max_y {
+            return Err(refuse("its minimum is above its maximum"));
+        }
+        Ok(Self { min: [min_x, min_y], max: [max_x, max_y] })
+    }
+
+    /// Its longitudes and latitudes, rather too many than too few.
+    pub(super) fn region(&self, crs: &Crs) -> Result<GeodeticBox, Problem> {
+        let at = |step: u32, axis: usize| {
+            self.min[axis] + (self.max[axis] - self.min[axis]) * f64::from(step) / f64::from(STEPS)
+        };
+        let rim = (0..=STEPS).flat_map(|step| {
+            [
+                [at(step, 0), self.min[1]],
+                [at(step, 0), self.max[1]],
+                [self.min[0], at(step, 1)],
+                [self.max[0], at(step, 1)],
+            ]
+        });
+        let places = rim
+            .map(|[x, y]| Ok(longitude_latitude_deg(crs.geocentric_from_position([x, y, 0.0], None)?)))
+            .collect::<Result<Vec<_>, CrsError>>()
+            .map_err(|error| Problem::invalid_field("?bbox", error.to_string()))?;
+        if crs.is_geographic() {
+            let ([min_lon_deg, min_lat_deg], [max_lon_deg, max_lat_deg]) = (self.min, self.max);
+            return Ok(GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg });
+        }
+        Ok(GeodeticBox::around_points(places).widened())
+    }
+
+    /// Whether the box around these positions, which are in its CRS, has anything in common with it.
+    pub(super) fn touches(&self, positions: impl IntoIterator<Item = [f64; 3]>) -> bool {
+        let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for position in positions {
+            for axis in 0..2 {
+                min[axis] = min[axis].min(position[axis]);
+                max[axis] = max[axis].max(position[axis]);
+            }
+        }
+        (0..2).all(|axis| min[axis] <= self.max[axis] && max[axis] >= self.min[axis])
+    }
+}
