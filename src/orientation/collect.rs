@@ -86,13 +86,19 @@ fn collect(
     collection: Collection,
 ) -> Result<Vec<Building>, PictureError> {
     let located = search.locate_where_predicted(prediction, extraction, collection.round)?;
-    let mut buildings = Vec::new();
+    let of_scene = |control_point, measured| Building {
+        control_point,
+        matches: Vec::new(),
+        measured: Some(measured),
+        shift_px: Vector2::zeros(),
+    };
+    let unseen = search.measured_where_predicted(prediction, &located, extraction)?;
+    let mut buildings: Vec<Building> = unseen.into_iter().map(|(k, measured)| of_scene(k, measured)).collect();
     for found in located {
         let control_point = &search.control[found.control_point];
         let at = &prediction.orientation;
         if let Some(measured) = search.measured(found.control_point, found.at_px, at, extraction)? {
-            let (control_point, measured) = (found.control_point, Some(measured));
-            buildings.push(Building { control_point, matches: Vec::new(), measured, shift_px: Vector2::zeros() });
+            buildings.push(of_scene(found.control_point, measured));
             continue;
         }
         let c = search.camera.principal_distance_px;

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 use super::extract::Extraction;
-use super::gate::Scale;
+use super::gate::{GATE, Located, Scale};
 use super::locate::Peak;
 use super::predict::{Prediction, on_frame};
 use super::search::{Candidate, Search, WIDE, square};
@@ -12,7 +12,8 @@ use super::views::{HALF_VIEW_RAD, REACH_SIGMAS};
 use crate::estimation::largest_sigma;
 use crate::features::PictureError;
 use crate::geometry::{ExteriorOrientation, rotation};
-use crate::scenes::{Gate, Measured, Scene, SceneKey, Sighting, View, correspondences, measure, scene_keys, sightings};
+use crate::scenes::measure::{self, measure};
+use crate::scenes::{Gate, Measured, Scene, SceneKey, Sighting, View, correspondences, scene_keys, sightings};
 
 /// In narrow windows a scene is looked for up to so many standard deviations: the gate of the candidates.
 const NARROW_SIGMAS: f64 = 3.4;
@@ -28,6 +29,11 @@ const LEAST_LOG_ODDS: f64 = 2.0;
 const SIGMA_SEEN_PX: f64 = 2.0;
 /// Variance that every measured scene has beside its own: seasons and shadows move what the eye takes for the same.
 const SCENE_PX2: f64 = 0.1;
+
+/// The scale at which a place may be sure.
+const SURE: Scale = Scale { cell_px: 1.0, sigma_px: 1.0 };
+/// Where SIFT sees nothing, the pictures must resemble each other so much: an edge looks like any other edge.
+const LEAST_CORRELATION_UNSEEN: f64 = 0.75;
 
 /// What the scenes of a search look like in the image.
 pub(super) struct SceneLooks {
@@ -124,15 +130,55 @@ impl Search<'_> {
         orientation: &ExteriorOrientation,
         extraction: &mut Extraction,
     ) -> Result<Option<Measured>, PictureError> {
+        if self.control[control_point].scene.is_none() {
+            return Ok(None);
+        }
+        let seen = Measured { at_px, covariance: Matrix2::identity() * SIGMA_SEEN_PX.powi(2), correlation: 0.0 };
+        Ok(Some(self.measured_near(control_point, at_px, orientation, extraction)?.unwrap_or(seen)))
+    }
+
+    /// The reference of a scene near a place, by least-squares matching.
+    fn measured_near(
+        &self,
+        control_point: usize,
+        start_px: Vector2<f64>,
+        orientation: &ExteriorOrientation,
+        extraction: &mut Extraction,
+    ) -> Result<Option<Measured>, PictureError> {
         let Some(scene) = self.control[control_point].scene.as_deref() else { return Ok(None) };
         let view = self.view(control_point, orientation);
-        let seen = Measured { at_px, covariance: Matrix2::identity() * SIGMA_SEEN_PX.powi(2), correlation: 0.0 };
-        let measured = extraction
-            .measured(control_point, at_px, |picture, reduction| measure(picture, scene, &view, at_px, reduction))?;
-        Ok(Some(match measured {
-            Some(m) => Measured { covariance: m.covariance + Matrix2::identity() * SCENE_PX2, ..m },
-            None => seen,
-        }))
+        let measured = extraction.measured(control_point, start_px, |picture, reduction| {
+            measure(picture, scene, &view, start_px, reduction)
+        })?;
+        Ok(measured.map(|m| Measured { covariance: m.covariance + Matrix2::identity() * SCENE_PX2, ..m }))
+    }
+
+    /// The references of the scenes that SIFT does not see, where a prediction is so sure of their places that
+    /// least-squares matching can begin there.
+    pub(super) fn measured_where_predicted(
+        &self,
+        prediction: &Prediction,
+        seen: &[Located],
+        extraction: &mut Extraction,
+    ) -> Result<Vec<(usize, Measured)>, PictureError> {
+        let mut found = Vec::new();
+        for (k, gate) in self.gates(prediction, NARROW_SIGMAS, SURE) {
+            let sure_px = measure::SEARCH_CELLS as f64 * f64::from(extraction.keys().reduction()) / NARROW_SIGMAS;
+            let sure = largest_sigma(&gate.covariance) <= sure_px;
+            if !sure || seen.iter().any(|located| located.control_point == k) {
+                continue;
+            }
+            let start_px = gate.predicted_px;
+            let Some(measured) = self.measured_near(k, start_px, &prediction.orientation, extraction)? else {
+                continue;
+            };
+            let away = measured.at_px - gate.predicted_px;
+            let expected = gate.covariance.try_inverse().is_some_and(|weight| away.dot(&(weight * away)) <= GATE);
+            if expected && measured.correlation >= LEAST_CORRELATION_UNSEEN {
+                found.push((k, measured));
+            }
+        }
+        Ok(found)
     }
 
     fn view<'v>(&'v self, control_point: usize, orientation: &'v ExteriorOrientation) -> View<'v> {

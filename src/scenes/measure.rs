@@ -21,7 +21,7 @@ pub struct Measured {
 /// Half the side of the patch around the reference: what is farther away may lie at another height.
 const HALF_CELLS: usize = 24;
 /// How far from where it is expected the patch is looked for.
-const SEARCH_CELLS: usize = 8;
+pub const SEARCH_CELLS: usize = 8;
 /// At least so much of the patch must lie in the scene.
 const LEAST_SHARE: f64 = 0.6;
 /// Pictures that resemble each other less were not taken of the same thing.

@@ -20,7 +20,7 @@ use nalgebra::{Matrix2, Vector2};
 pub use consistency::{Sighting, sightings};
 pub use keys::{ImageKeys, SceneKey, scene_keys};
 pub use matching::{Correspondence, Gate, correspondences};
-pub use measure::{Measured, measure};
+pub use measure::Measured;
 pub use view::View;
 
 /// The picture of a control scene: seen straight from above, in one scale.
