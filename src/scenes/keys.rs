@@ -1,7 +1,9 @@
 //! Key points of scenes and of the aerial image, in frames in which they can be compared: those of a scene by their
 //! places on the ground, those of the image in reduced pixels.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
+use std::f64::consts::TAU;
+use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
@@ -26,7 +28,7 @@ pub struct SceneKey {
 /// Cells of a rendered scene, at most.
 const MOST_CELLS: usize = 4_000_000;
 /// Key points of a scene, at most: the strongest.
-const MOST_KEYS: usize = 600;
+const MOST_KEYS: usize = 400;
 /// What lies nearer to the rim of a scene, in scales of the key point, has seen beyond it.
 const RIM_SCALES: f64 = 3.0;
 
@@ -62,15 +64,13 @@ fn settings() -> Settings {
     Settings { upsampled: false, contrast: 0.01, ..Settings::default() }
 }
 
-/// A key point of the image.
-#[derive(Debug, Clone)]
+/// A key point of the image, without its descriptor.
+#[derive(Debug, Clone, Copy)]
 pub struct ImageKey {
     /// Its place, reduced pixels.
     pub at_px: Vector2<f64>,
     /// Its orientation, as long as its scale, reduced pixels.
     pub along_px: Vector2<f64>,
-    /// What it looks like.
-    pub descriptor: Descriptor,
 }
 
 /// Key points of a tile, at most: the strongest.
@@ -81,6 +81,8 @@ const TILE_CELLS: u32 = 768;
 const AROUND_CELLS: u32 = 64;
 /// Side of a cell of the raster of places, in cells of the picture.
 const RASTER_CELLS: f64 = 48.0;
+/// Sectors of the circle by which key points are kept apart.
+const SECTORS: usize = 16;
 
 /// The key points of one image, growing with the regions that are asked for.
 pub struct ImageKeys<'a> {
@@ -88,16 +90,20 @@ pub struct ImageKeys<'a> {
     camera: &'a Camera,
     reduction: u32,
     done: HashSet<[u32; 2]>,
+    /// By sectors of orientation, rows and columns of the raster.
     keys: Vec<ImageKey>,
-    raster: HashMap<[i32; 2], Vec<u32>>,
+    /// In the same order.
+    descriptors: Vec<Descriptor>,
+    /// Where the key points of each sector and cell begin, and where the last ones end.
+    starts: Vec<u32>,
 }
 
 impl<'a> ImageKeys<'a> {
     /// Nothing is looked at yet; when it is, at a resolution reduced by `reduction`.
     #[must_use]
     pub fn new(picture: &'a dyn Picture, camera: &'a Camera, reduction: u32) -> Self {
-        let (done, keys, raster) = (HashSet::new(), Vec::new(), HashMap::new());
-        Self { picture, camera, reduction: reduction.max(1), done, keys, raster }
+        let (done, keys, descriptors, starts) = (HashSet::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { picture, camera, reduction: reduction.max(1), done, keys, descriptors, starts }
     }
 
     /// Pixels of the file along a side of a cell.
@@ -136,31 +142,88 @@ impl<'a> ImageKeys<'a> {
                 }
             }
         }
-        let found: Vec<_> = missing.par_iter().map(|tile| self.of_tile(*tile)).collect();
-        for of_tile in found {
-            for key in of_tile? {
-                self.raster.entry(self.cell(key.at_px)).or_default().push(self.keys.len() as u32);
-                self.keys.push(key);
-            }
+        if missing.is_empty() {
+            return Ok(());
         }
+        let found: Vec<_> = missing.par_iter().map(|tile| self.of_tile(*tile)).collect();
+        let mut all: Vec<(ImageKey, Descriptor)> = self.keys.drain(..).zip(self.descriptors.drain(..)).collect();
+        for of_tile in found {
+            all.extend(of_tile?);
+        }
+        self.sort(all);
         Ok(())
     }
 
-    fn cell(&self, at_px: Vector2<f64>) -> [i32; 2] {
-        let side_px = RASTER_CELLS * f64::from(self.reduction);
-        [at_px.x, at_px.y].map(|v| (v / side_px).floor() as i32)
+    fn sort(&mut self, mut all: Vec<(ImageKey, Descriptor)>) {
+        all.sort_by_cached_key(|(key, _)| self.slot_of(key));
+        let mut counts = vec![0_u32; SECTORS * self.raster_side().pow(2) + 1];
+        for (key, _) in &all {
+            counts[self.slot_of(key) + 1] += 1;
+        }
+        let mut sum = 0;
+        for count in &mut counts {
+            sum += *count;
+            *count = sum;
+        }
+        self.starts = counts;
+        (self.keys, self.descriptors) = all.into_iter().unzip();
     }
 
-    /// The key points in a rectangle of reduced pixels, and some beside it.
-    pub fn near(&self, least_px: Vector2<f64>, largest_px: Vector2<f64>) -> impl Iterator<Item = &ImageKey> {
-        let radius_px = Vector2::repeat(self.camera.frame_radius_px());
-        let ([left, top], [right, bottom]) =
-            (self.cell(least_px.sup(&-radius_px)), self.cell(largest_px.inf(&radius_px)));
-        let cells = (top..=bottom).flat_map(move |row| (left..=right).map(move |column| [column, row]));
-        cells.filter_map(|cell| self.raster.get(&cell)).flatten().map(|index| &self.keys[*index as usize])
+    /// Cells along a side of the raster, which holds the frame.
+    fn raster_side(&self) -> usize {
+        2 * (self.camera.frame_radius_px() / self.raster_px()).ceil().max(1.0) as usize
     }
 
-    fn of_tile(&self, [column, row]: [u32; 2]) -> Result<Vec<ImageKey>, PictureError> {
+    fn raster_px(&self) -> f64 {
+        RASTER_CELLS * f64::from(self.reduction)
+    }
+
+    /// The row or column of a coordinate; what is beyond the raster belongs to its rim.
+    fn cell(&self, at_px: f64) -> usize {
+        let side = self.raster_side();
+        ((at_px / self.raster_px()).floor() + (side / 2) as f64).clamp(0.0, (side - 1) as f64) as usize
+    }
+
+    fn slot(&self, sector: usize, row: usize, column: usize) -> usize {
+        (sector * self.raster_side() + row) * self.raster_side() + column
+    }
+
+    fn slot_of(&self, key: &ImageKey) -> usize {
+        let turn = key.along_px.y.atan2(key.along_px.x).rem_euclid(TAU) / TAU;
+        let sector = ((turn * SECTORS as f64) as usize).min(SECTORS - 1);
+        self.slot(sector, self.cell(key.at_px.y), self.cell(key.at_px.x))
+    }
+
+    /// Indices of all key points in a rectangle of reduced pixels whose orientation differs by at most `reach_rad` from
+    /// that of `along_px`, and of some others.
+    pub(super) fn near(
+        &self,
+        [least_px, largest_px]: [Vector2<f64>; 2],
+        along_px: Vector2<f64>,
+        reach_rad: f64,
+    ) -> impl Iterator<Item = Range<usize>> {
+        let width = TAU / SECTORS as f64;
+        let turn = along_px.y.atan2(along_px.x);
+        let first = ((turn - reach_rad) / width).floor() as i64;
+        let last = ((turn + reach_rad) / width).floor() as i64;
+        let sectors = (0..(last - first + 1).clamp(0, SECTORS as i64))
+            .map(move |k| (first + k).rem_euclid(SECTORS as i64) as usize);
+        let rows = if self.starts.is_empty() { 0..0 } else { self.cell(least_px.y)..self.cell(largest_px.y) + 1 };
+        let [left, right] = [self.cell(least_px.x), self.cell(largest_px.x)];
+        sectors.flat_map(move |sector| {
+            rows.clone().map(move |row| {
+                let [start, end] = [self.slot(sector, row, left), self.slot(sector, row, right) + 1];
+                self.starts[start] as usize..self.starts[end] as usize
+            })
+        })
+    }
+
+    /// The key points with their descriptors, of a range of indices.
+    pub(super) fn of(&self, range: Range<usize>) -> impl Iterator<Item = (&ImageKey, &Descriptor)> {
+        self.keys[range.clone()].iter().zip(&self.descriptors[range])
+    }
+
+    fn of_tile(&self, [column, row]: [u32; 2]) -> Result<Vec<(ImageKey, Descriptor)>, PictureError> {
         let r = self.reduction;
         let (side, around) = (TILE_CELLS * r, AROUND_CELLS * r);
         let first = [column * side, row * side];
@@ -180,7 +243,7 @@ impl<'a> ImageKeys<'a> {
             }
             let at_px = self.camera.reduced_from_pixel(pixel)?;
             let along_px = self.camera.reduced_from_pixel(pixel + along)? - at_px;
-            Some(ImageKey { at_px, along_px, descriptor: point.descriptor })
+            Some((ImageKey { at_px, along_px }, point.descriptor))
         };
         Ok(found.into_iter().filter_map(key).collect())
     }

@@ -40,10 +40,10 @@ impl Gate {
         self.covariance + Matrix2::identity() * (distance_px * turn.hypot(self.sigma_log_scale)).powi(2)
     }
 
-    /// The cosine of the largest turn of a key point.
-    fn least_cosine(&self) -> f64 {
+    /// The largest turn of a key point.
+    fn largest_turn_rad(&self) -> f64 {
         let largest = self.sigma_turn_rad.map_or(std::f64::consts::PI, |sigma| 3.0 * sigma + ORIENTATION_RAD);
-        largest.min(std::f64::consts::PI).cos()
+        largest.min(std::f64::consts::PI)
     }
 
     /// The square of the largest ratio of scales, either way.
@@ -93,11 +93,14 @@ fn nearest(key: &SceneKey, view: &View, image: &ImageKeys, gate: &Gate) -> Optio
     let weight = covariance.try_inverse()?;
     let reach = covariance.diagonal().map(|variance| gate.reach_sigmas * variance.sqrt());
     let squared_reach = gate.reach_sigmas.powi(2);
-    let (least_cosine, largest_ratio) = (gate.least_cosine(), gate.largest_squared_ratio());
+    let (largest_turn_rad, largest_ratio) = (gate.largest_turn_rad(), gate.largest_squared_ratio());
+    let least_cosine = largest_turn_rad.cos();
     let along_squared = along_px.norm_squared();
     let same_px = SAME_PX * f64::from(image.reduction());
     let (mut best, mut second) = ((UNLIKE, Vector2::zeros()), UNLIKE);
-    for other in image.near(predicted_px - reach, predicted_px + reach) {
+    let rectangle = [predicted_px - reach, predicted_px + reach];
+    let near = image.near(rectangle, along_px, largest_turn_rad);
+    for (other, descriptor) in near.flat_map(|range| image.of(range)) {
         let away = other.at_px - predicted_px;
         if away.dot(&(weight * away)) > squared_reach {
             continue;
@@ -110,7 +113,7 @@ fn nearest(key: &SceneKey, view: &View, image: &ImageKeys, gate: &Gate) -> Optio
         if along_px.dot(&other.along_px) < least_cosine * (squared * along_squared).sqrt() {
             continue;
         }
-        let distance = squared_distance(&key.descriptor, &other.descriptor);
+        let distance = squared_distance(&key.descriptor, descriptor);
         if distance < best.0 {
             if (other.at_px - best.1).norm() > same_px {
                 second = best.0;
