@@ -1,6 +1,7 @@
 //! The real images of `../shared/bench`: what a run of the pipeline needs, without a service in between.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use gable::control::{Source, geojson};
@@ -9,6 +10,7 @@ use gable::geometry::{Brown, Camera, Crs, ExteriorOrientation, LocalFrame, rotat
 use gable::jobs::active::shipped_classifier;
 use gable::orientation::ControlPoint;
 use gable::pipeline::{Approximation, Judge, Outcome, Task, Tolerance};
+use gable::scenes::Scene;
 use nalgebra::{Vector2, Vector3};
 use serde_json::Value;
 
@@ -26,6 +28,8 @@ pub struct Image {
     pub file: PathBuf,
     pub task: Task,
     pub control: Vec<ControlPoint>,
+    /// The control scenes, in the same frame.
+    pub scenes: Vec<ControlPoint>,
     pub gsd_m: f64,
     local: LocalFrame,
     reference: ExteriorOrientation,
@@ -45,6 +49,8 @@ impl Dataset {
         let body = std::fs::read(folder.join("control_points.geojson"))?;
         let control = geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: None })?.control_points;
         let pictures = folder.join(data["images_folder"].as_str().unwrap_or("images"));
+        let frame = topocentric(data["frame"].as_str().context("frame")?)?;
+        let scenes = scenes(&folder.join(data["scenes_folder"].as_str().unwrap_or(".")), &frame)?;
         let tolerance_gsd = number(&data["tolerance_gsd"])?;
         let mut images = Vec::new();
         let judge = Judge { classifier: shipped_classifier()?.loaded.classifier, policy: Policy::default() };
@@ -62,6 +68,10 @@ impl Dataset {
                 file: pictures.join(entry["file"].as_str().context("file")?),
                 task: Task { camera, approximation, tolerance: Tolerance::Gsd(tolerance_gsd), judge: judge.clone() },
                 control,
+                scenes: scenes
+                    .iter()
+                    .map(|(scene, at_m)| ControlPoint { reference_m: local.from_geocentric(*at_m), ..scene.clone() })
+                    .collect(),
                 gsd_m: number(&entry["gsd_m"])?,
                 local,
                 reference: ExteriorOrientation {
@@ -72,7 +82,6 @@ impl Dataset {
                 },
             });
         }
-        let frame = topocentric(data["frame"].as_str().context("frame")?)?;
         Ok(Self { camera, images, tolerance_gsd, ground_height_m: number(&data["ground_height_m"])?, frame })
     }
 
@@ -108,6 +117,34 @@ impl Image {
             camera_from_object: self.reference.camera_from_object * turn,
         }
     }
+}
+
+/// The scenes of a folder, with the geocentric places of their references.
+fn scenes(folder: &Path, frame: &LocalFrame) -> Result<Vec<(ControlPoint, Vector3<f64>)>> {
+    let list: Value = serde_json::from_slice(&std::fs::read(folder.join("scenes.json"))?)?;
+    let scene = |entry: &Value| -> Result<(ControlPoint, Vector3<f64>)> {
+        let file = folder.join("scenes").join(entry["file"].as_str().context("file")?);
+        let picture = image::open(&file).with_context(|| file.display().to_string())?.to_luma8();
+        let reference_px = Vector2::from_column_slice(&numbers(&entry["reference_px"])?);
+        let scene = Scene {
+            width: picture.width() as usize,
+            height: picture.height() as usize,
+            grey: picture.as_raw().iter().map(|grey| f32::from(*grey)).collect(),
+            gsd_m: number(&entry["gsd_m"])?,
+            azimuth_of_image_up_rad: number(&entry["azimuth_of_image_up_deg"])?.to_radians(),
+            sigma_azimuth_rad: number(&entry["sigma_azimuth_deg"])?.to_radians(),
+            reference_px,
+        };
+        let control_point = ControlPoint {
+            name: entry["name"].as_str().context("name")?.to_owned(),
+            sigma_m: number(&entry["sigma_m"])?,
+            reference_m: Vector3::zeros(),
+            edges_m: Vec::new(),
+            scene: Some(Arc::new(scene)),
+        };
+        Ok((control_point, frame.to_geocentric(triple(&entry["reference"]["coordinates"])?.into())))
+    };
+    list.as_array().context("scenes.json is no list")?.iter().map(scene).collect()
 }
 
 fn number(value: &Value) -> Result<f64> {

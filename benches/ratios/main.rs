@@ -10,6 +10,7 @@
 
 mod classifier;
 mod clustering;
+#[allow(dead_code, reason = "tests/control_scenes.rs reads the scenes")]
 mod dataset;
 mod measure;
 mod peer;

@@ -283,7 +283,9 @@ mod tests {
             let to = if k < right {
                 shift + map * from + Vector2::new(draws.normal(), draws.normal()) * 0.7
             } else {
-                from + Vector2::new(draws.normal(), draws.normal()) * gate.covariance[(0, 0)].sqrt()
+                let reach_px = gate.reach_sigmas * gate.covariance[(0, 0)].sqrt() * draws.even(0.0, 1.0).sqrt();
+                let (sin, cos) = draws.even(0.0, std::f64::consts::TAU).sin_cos();
+                from + Vector2::new(cos, sin) * reach_px
             };
             let ratio = draws.even(0.4, 0.8);
             let (predicted_px, at_px) = (gate.predicted_px + from, gate.predicted_px + to);

@@ -257,3 +257,75 @@ impl<'a> Matching<'a> {
         Some((normal, side, squares, count, neighbours))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::geometry::{Brown, Camera, ExteriorOrientation, rotation};
+    use crate::scenes::tests::{Country, Drawn};
+
+    fn orientation(east_m: f64) -> ExteriorOrientation {
+        ExteriorOrientation {
+            projection_centre_m: Vector3::new(east_m, 0.0, 100.0),
+            camera_from_object: rotation::camera_from_object(0.05, -0.04, 0.7),
+        }
+    }
+
+    /// The scatter of a measured reference over many noises is what its covariance claims.
+    #[test]
+    fn the_covariance_is_the_scatter() {
+        const RUNS: u64 = 60;
+        let camera = Camera::new([400, 300], 1000.0, Vector2::new(200.0, 150.0), Brown::default()).unwrap();
+        let country = Country::new(3);
+        let reference_m = Vector3::new(-3.2, 4.1, 0.0);
+        let scene = country.scene(reference_m.xy(), 0.05, 12.0, 0.4);
+        let (mut squares, mut claimed) = (0.0, 0.0);
+        for run in 0..RUNS {
+            let truth = orientation(run as f64 * 0.013);
+            let picture = Drawn::photograph(&country, &camera, &truth, 20.0, run);
+            // seen from where it is thought to be
+            let thought =
+                ExteriorOrientation { camera_from_object: rotation::camera_from_object(0.052, -0.037, 0.71), ..truth };
+            let view = View { camera: &camera, orientation: &thought, reference_m };
+            let true_px = truth.reduced_px(1000.0, reference_m).unwrap();
+            let start_px = true_px + Vector2::new(3.3, -2.4);
+            let measured = measure(&picture, &scene, &view, start_px, 1).unwrap().unwrap();
+            assert!(measured.correlation > 0.8, "{measured:?}");
+            let away = measured.at_px - true_px;
+            assert!(away.norm() < 0.3, "{away} {measured:?}");
+            squares += away.norm_squared() / RUNS as f64;
+            claimed += measured.covariance.trace() / RUNS as f64;
+        }
+        assert!(squares < 2.0 * claimed && squares > claimed / 4.0, "{squares} {claimed}");
+    }
+
+    #[test]
+    fn another_place_does_not_resemble_it() {
+        let camera = Camera::new([400, 300], 1000.0, Vector2::new(200.0, 150.0), Brown::default()).unwrap();
+        let (here, elsewhere) = (Country::new(3), Country::new(4));
+        let truth = orientation(0.0);
+        let picture = Drawn::photograph(&here, &camera, &truth, 4.0, 1);
+        for k in 0..20 {
+            let reference_m = Vector3::new(f64::from(k % 5) * 3.0 - 6.0, f64::from(k / 5) * 3.0 - 4.0, 0.0);
+            let scene = elsewhere.scene(reference_m.xy(), 0.05, 12.0, 0.0);
+            let view = View { camera: &camera, orientation: &truth, reference_m };
+            let start_px = truth.reduced_px(1000.0, reference_m).unwrap();
+            let measured = measure(&picture, &scene, &view, start_px, 1).unwrap();
+            assert!(measured.is_none_or(|m| m.correlation < 0.7), "{measured:?}");
+        }
+    }
+
+    #[test]
+    fn outside_of_the_picture_nothing_is_measured() {
+        let camera = Camera::new([400, 300], 1000.0, Vector2::new(200.0, 150.0), Brown::default()).unwrap();
+        let country = Country::new(3);
+        let truth = orientation(0.0);
+        let picture = Drawn::photograph(&country, &camera, &truth, 4.0, 1);
+        let scene = country.scene(Vector2::new(60.0, 0.0), 0.05, 12.0, 0.0);
+        let view = View { camera: &camera, orientation: &truth, reference_m: Vector3::new(60.0, 0.0, 0.0) };
+        let start_px = truth.reduced_px(1000.0, view.reference_m).unwrap();
+        assert_eq!(measure(&picture, &scene, &view, start_px, 1).unwrap(), None);
+    }
+}

@@ -13,6 +13,8 @@ pub mod keys;
 pub mod matching;
 pub mod measure;
 mod rendering;
+#[cfg(test)]
+pub(crate) mod tests;
 pub mod view;
 
 use nalgebra::{Matrix2, Vector2};
@@ -66,34 +68,5 @@ impl Scene {
         let right_m = ground_m.x * cos - ground_m.y * sin;
         let up_m = ground_m.x * sin + ground_m.y * cos;
         self.reference_px + Vector2::new(right_m, -up_m) / self.gsd_m
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn up_in_a_picture_that_points_east_is_east() {
-        let scene = Scene {
-            width: 100,
-            height: 80,
-            grey: vec![0.0; 8000],
-            gsd_m: 0.1,
-            azimuth_of_image_up_rad: std::f64::consts::FRAC_PI_2,
-            sigma_azimuth_rad: 0.05,
-            reference_px: Vector2::new(50.0, 40.0),
-        };
-        let above = scene.ground_from_pixel_m(Vector2::new(50.0, 30.0));
-        assert!((above - Vector2::new(1.0, 0.0)).norm() < 1e-12);
-        let right = scene.ground_from_pixel_m(Vector2::new(60.0, 40.0));
-        assert!((right - Vector2::new(0.0, -1.0)).norm() < 1e-12);
-        for azimuth_of_image_up_rad in [0.0, 0.7, -2.0] {
-            let turned = Scene { azimuth_of_image_up_rad, ..scene.clone() };
-            let pixel = Vector2::new(12.5, 70.25);
-            assert!((turned.pixel_from_ground(turned.ground_from_pixel_m(pixel)) - pixel).norm() < 1e-9);
-            let stepped = turned.ground_by_pixel_m() * (pixel - turned.reference_px);
-            assert!((stepped - turned.ground_from_pixel_m(pixel)).norm() < 1e-9);
-        }
     }
 }
