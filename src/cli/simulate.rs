@@ -3,6 +3,7 @@
 mod film;
 mod likeness;
 mod lines;
+mod pole;
 mod rows;
 mod study;
 
@@ -43,6 +44,10 @@ Examples:
   gable simulate --film --seed 9
       Writes a scene that was photographed on film: the photograph is a scan with fiducial marks (photograph.tif), turned or
       mirrored or a negative by seed, and camera.json that of a film camera.
+
+  gable simulate --pole
+      Writes a fish-eye picture from a pole with its camera and the measured targets of a template (pole.png, fisheye.json,
+      target.json), and prints the command that makes a control scene of it.
 
   gable simulate --mixture film --images 10000 --out study-film
       Brings 10000 scans of film to their plates and counts what came out. Leaves scans.csv and table.md in the folder.
@@ -86,6 +91,9 @@ pub(crate) struct Simulate {
     /// Write scenes that were photographed on film, and the film scanned.
     #[arg(long, conflicts_with_all = ["mixture", "settings"])]
     film: bool,
+    /// Write pictures of a yard that were taken from a pole by a fish-eye lens, for `gable scene rectify`.
+    #[arg(long, conflicts_with_all = ["mixture", "settings", "film"])]
+    pole: bool,
     /// With the mixture `film`: spoil one of the marks of each scan, of cameras with four.
     #[arg(long, requires = "mixture", conflicts_with_all = ["likeness", "write"])]
     corrupt: bool,
@@ -131,7 +139,10 @@ impl Simulate {
     }
 
     fn obey(&self) -> anyhow::Result<()> {
-        let seeds = self.seed..self.seed + self.images;
+        let mut seeds = self.seed..self.seed + self.images;
+        if self.pole {
+            return seeds.try_for_each(|seed| pole::write(seed, &self.folder(seed)));
+        }
         if matches!(self.mixture, Some(MixtureName::Film)) {
             if self.likeness.is_some() {
                 bail!("the mixture `film` has no likeness to photographs of digital cameras");

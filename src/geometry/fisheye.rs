@@ -123,6 +123,12 @@ impl Fisheye {
         self.interior.principal_point_px
     }
 
+    /// Its distortion.
+    #[must_use]
+    pub fn distortion(&self) -> &Brown {
+        &self.interior.distortion
+    }
+
     /// How angles are laid out.
     #[must_use]
     pub fn projection(&self) -> Projection {
