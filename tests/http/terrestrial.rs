@@ -24,6 +24,8 @@ const ORIGIN: [f64; 3] = [9.9, 53.5, 40.0];
 const DAY: [u16; 3] = [2026, 5, 1];
 const AERIAL_PX: [u32; 2] = [1600, 1200];
 const PRINCIPAL_DISTANCE_PX: f64 = 1600.0;
+/// How much of the grey is other in the aerial photograph than it was from the pole.
+const LEAVES: f64 = 12.0;
 
 fn crs() -> String {
     let [longitude_deg, latitude_deg, height_m] = ORIGIN;
@@ -108,7 +110,7 @@ impl Flight {
 
     fn camera_body(&self) -> Value {
         let [x, y]: [f64; 2] = self.camera.principal_point_px().into();
-        json!({"name": "aerial", "image_size_px": AERIAL_PX, "principal_distance_px": PRINCIPAL_DISTANCE_PX,
+        json!({"name": "aerial", "image_size_px": AERIAL_PX, "principal_distance_px": self.camera.principal_distance_px,
                "principal_point_px": [x, y], "distortion": {"model": "brown"}})
     }
 
@@ -123,23 +125,25 @@ impl Flight {
 
     fn ground_m(&self, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
         let reduced_px = self.camera.reduced_from_pixel(pixel)?;
-        Some(self.truth.ground_point_m(PRINCIPAL_DISTANCE_PX, reduced_px, 0.0)?.xy())
+        Some(self.truth.ground_point_m(self.camera.principal_distance_px, reduced_px, 0.0)?.xy())
     }
 
     fn pixel(&self, ground_m: Vector2<f64>) -> Vector2<f64> {
         self.truth.pixel(&self.camera, ground_m.push(0.0)).unwrap()
     }
 
-    /// The photograph as a JPEG: paler and darker than the ground is from near by, and noisy.
+    /// The photograph as a JPEG: paler and darker than the ground is from near by, and noisy. It was taken on another day:
+    /// leaves have fallen since.
     fn photograph(&self, country: Country) -> Vec<u8> {
-        const SAMPLES: u32 = 4;
+        const SAMPLES: u32 = 3;
         let [width, height] = AERIAL_PX;
         let grey = |index: u32| {
             let corner = Vector2::new(f64::from(index % width), f64::from(index / width));
             let offset = |k: u32| (f64::from(k) + 0.5) / f64::from(SAMPLES);
             let samples = (0..SAMPLES * SAMPLES).map(|k| {
                 let pixel = corner + Vector2::new(offset(k % SAMPLES), offset(k / SAMPLES));
-                country.grey(self.ground_m(pixel).unwrap())
+                let at_m = self.ground_m(pixel).unwrap();
+                country.grey(at_m) + LEAVES * country.noise(at_m, 0.2, 40)
             });
             let mean = samples.sum::<f64>() / f64::from(SAMPLES * SAMPLES);
             (20.0 + 0.65 * mean + 2.0 * deviate(i64::from(index), 77)).round().clamp(0.0, 255.0) as u8
@@ -203,7 +207,7 @@ impl Place {
             azimuth_of_y_rad: north + (self.bearing_deg + arm_deg + self.compass_deg).to_radians(),
             corner_m,
             plate_height_m: self.plate_height_m,
-            ..TerrestrialView::from_a_pole(2128).unwrap()
+            ..TerrestrialView::from_a_pole(1600).unwrap()
         }
     }
 
@@ -211,7 +215,10 @@ impl Place {
     fn rectified(&self, folder: &Path, view: &TerrestrialView, country: Country, seed: u64) -> [Vec<u8>; 2] {
         let named = |ending: &str| format!("{}{ending}", self.name);
         let [width, height] = view.camera.size_px();
-        let picture = view.photograph(&|at_m| country.grey(at_m), seed);
+        // far away the ground is plain: it is not rectified, and takes half of the time
+        let near = |at_m: &Vector2<f64>| (at_m - view.corner_m).norm() < 8.0;
+        let ground = |at_m| Some(at_m).filter(near).map_or(125.0, |at_m| country.grey(at_m));
+        let picture = view.photograph(&ground, seed);
         GrayImage::from_raw(width, height, picture).unwrap().save(folder.join(named(".png"))).unwrap();
         let targets: Vec<Value> = view
             .targets(&TEMPLATE_M, 0.3, seed)
@@ -328,7 +335,7 @@ async fn terrestrial_pictures_orient_an_aerial_photograph_of_the_same_ground() {
         assert_ne!(place.name, ELSEWHERE, "{told}");
         let off_px = (Vector2::from(numbers::<2>(&point["located_px"])) - truth_px).norm();
         let predicted_px = (Vector2::from(numbers::<2>(&point["predicted_px"])) - truth_px).norm();
-        println!("{}: {off_px:.3} px, predicted {predicted_px:.1} px", place.name);
+        assert!(predicted_px > 10.0, "{}: the approximation was as good; {told}", place.name);
         assert!(off_px < 1.0, "{}: {off_px} px; {told}", place.name);
         used += 1;
     }
@@ -338,7 +345,6 @@ async fn terrestrial_pictures_orient_an_aerial_photograph_of_the_same_ground() {
     let found = orientation(result);
     let from_truth_m = (found.projection_centre_m - flight.truth.projection_centre_m).norm();
     let ground_m = d_max_m(&flight.camera, &found, &flight.truth, 0.0).unwrap();
-    println!("{used} used, projection centre {from_truth_m:.3} m, ground {ground_m:.3} m; {told}");
     assert!(from_truth_m < 0.5, "{from_truth_m} m; {told}");
     // ten ground sample distances of 6 cm are what is tolerated by default
     assert!(ground_m < 0.6, "{ground_m} m; {told}");
