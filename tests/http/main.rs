@@ -24,4 +24,5 @@ mod orientations;
 mod scene_commands;
 mod sockets;
 mod support;
+mod terrestrial;
 mod tools;
