@@ -3,6 +3,8 @@
 //! azimuth and scale, gathers all others that it explains. How likely it is that chance brings as many together is what
 //! the place is rated by (Desolneux, Moisan and Morel: a contrario).
 
+use std::cmp::Reverse;
+
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 use super::{Correspondence, Gate};
@@ -138,7 +140,7 @@ impl Consistency<'_> {
                 }
             }
         }
-        sides.sort_by(|a, b| b.triangles.cmp(&a.triangles));
+        sides.sort_by_key(|side: &Side| Reverse(side.triangles));
         sides
     }
 

@@ -238,10 +238,10 @@ impl<'a> Matching<'a> {
             side += row * residual;
             squares += residual * residual;
             count += 1.0;
-            if let Some((from, other)) = before {
-                if (cell.from - from).norm() < 1.5 {
-                    neighbours += residual * other;
-                }
+            if let Some((from, other)) = before
+                && (cell.from - from).norm() < 1.5
+            {
+                neighbours += residual * other;
             }
             before = Some((cell.from, residual));
         }
