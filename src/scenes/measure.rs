@@ -86,11 +86,13 @@ fn window_about(
     picture.window(rect, reduction).map(Some)
 }
 
-/// A cell of the patch that lies in the scene: its place from the reference, and its grey value.
+/// A cell of the patch that lies in the scene: its place from the reference, its grey value and how that changes. The
+/// patch is smoother than the image: gradients taken from noise would shorten all steps.
 #[derive(Clone, Copy)]
 struct Cell {
     from: Vector2<f64>,
     grey: f64,
+    gradient: Vector2<f64>,
 }
 
 struct Matching<'a> {
@@ -108,11 +110,17 @@ impl<'a> Matching<'a> {
     fn new(patch: &Rendering, scene: &Scene, window: &'a GreyWindow, middle: Vector2<f64>) -> Option<Self> {
         let mut cells = Vec::with_capacity(patch.grey.len());
         for (k, grey) in patch.grey.iter().enumerate() {
-            let cell = Vector2::new((k % patch.width) as f64 + 0.5, (k / patch.width) as f64 + 0.5);
+            let (column, row) = (k % patch.width, k / patch.width);
+            if column == 0 || row == 0 || column + 1 == patch.width || row + 1 == patch.height {
+                continue;
+            }
+            let change = |step: usize| f64::from(patch.grey[k + step] - patch.grey[k - step]) / 2.0;
+            let gradient = Vector2::new(change(1), change(patch.width));
+            let cell = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
             let at = patch.scene_px(cell);
             let inside = |v: f64, size: usize| v >= 0.5 && v <= size as f64 - 0.5;
             if inside(at.x, scene.width) && inside(at.y, scene.height) {
-                cells.push(Cell { from: cell - middle, grey: f64::from(*grey) });
+                cells.push(Cell { from: cell - middle, grey: f64::from(*grey), gradient });
             }
         }
         let enough = cells.len() as f64 >= LEAST_SHARE * patch.grey.len() as f64;
@@ -226,11 +234,8 @@ impl<'a> Matching<'a> {
         let mut before: Option<(Vector2<f64>, f64)> = None;
         for cell in &self.cells {
             let at = place(cell);
-            let around = [Vector2::x(), Vector2::y()].map(|half| {
-                let half = half * 0.5;
-                self.seen(at + half).zip(self.seen(at - half)).map(|(next, last)| next - last)
-            });
-            let (Some(seen), [Some(by_x), Some(by_y)]) = (self.seen(at), around) else { continue };
+            let Some(seen) = self.seen(at) else { continue };
+            let [by_x, by_y]: [f64; 2] = (cell.gradient * gain).into();
             let residual = gain * cell.grey + offset - seen;
             let (x, y) = (cell.from.x, cell.from.y);
             let row = Parameters::from([by_x, by_y, by_x * x, by_x * y, by_y * x, by_y * y, -cell.grey, -1.0]);

@@ -1,8 +1,11 @@
+use std::sync::Arc;
+
 use nalgebra::{DVector, Matrix6, Vector3, Vector6};
 
 use super::*;
 use crate::estimation::simulated::Draws;
 use crate::geometry::{Brown, Film, PixelFromPlate, Segment2, Segment3, Smac, rotation};
+use crate::scenes::Scene;
 
 const C_PX: f64 = 3000.0;
 
@@ -34,8 +37,9 @@ const SEGMENT_VARIANCE: f64 = 0.02;
 /// Shifts of all buildings as the adjustment assumes them, neighbours alike.
 fn drawn_shifts_px(control: &[ControlPoint], draws: &mut Draws) -> Vec<Vector2<f64>> {
     let places: Vec<_> = control.iter().map(|c| truth().reduced_px(1.0, c.reference_m).unwrap()).collect();
-    let sigmas_px: Vec<_> = control.iter().map(|c| sigma_control_px(&camera(), c, &truth())).collect();
-    let covariance = ShiftPrior::new(&places, &sigmas_px, |_, _| 0.0).covariance(&vec![0.0; control.len()]);
+    let stated_px2 = |c: &ControlPoint| SHARE_OF_THE_BUILDING * sigma_control_px(&camera(), c, &truth()).powi(2);
+    let stated_px2: Vec<_> = control.iter().map(stated_px2).collect();
+    let covariance = ShiftPrior::new(&places, &stated_px2, |_, _| 0.0).covariance(&vec![0.0; control.len()]);
     let root = covariance.cholesky().unwrap().unpack();
     let coordinate = |draws: &mut Draws| &root * DVector::from_fn(control.len(), |_, _| draws.normal());
     let (x, y) = (coordinate(draws), coordinate(draws));
@@ -210,4 +214,53 @@ fn one_building_with_one_edge_is_determined_by_the_prior_alone() {
     let model = Model { camera: &camera, control: &control, observed: &observed, prior: &prior };
     let adjusted = model.adjust(buildings, &truth()).unwrap();
     assert!(adjusted.covariance[(0, 0)] > 100.0);
+}
+
+/// Scenes alone, measured with their covariances, their references off by their stated accuracy.
+#[test]
+fn the_covariance_of_an_adjustment_with_scenes_is_its_scatter() {
+    const RUNS: u32 = 600;
+    let camera = camera();
+    let picture = Scene {
+        width: 1,
+        height: 1,
+        grey: vec![0.0],
+        gsd_m: 0.1,
+        azimuth_of_image_up_rad: 0.0,
+        sigma_azimuth_rad: 0.1,
+        reference_px: Vector2::zeros(),
+    };
+    let picture = Arc::new(picture);
+    let control: Vec<ControlPoint> = town()
+        .into_iter()
+        .map(|c| ControlPoint { edges_m: Vec::new(), scene: Some(picture.clone()), sigma_m: 0.08, ..c })
+        .collect();
+    let places: Vec<_> = control.iter().map(|c| truth().reduced_px(1.0, c.reference_m).unwrap()).collect();
+    let stated_px2: Vec<_> = control.iter().map(|c| sigma_control_px(&camera, c, &truth()).powi(2)).collect();
+    let shifts = ShiftPrior::new(&places, &stated_px2, |_, _| 0.0).covariance(&vec![0.0; control.len()]);
+    let factor = shifts.cholesky().unwrap().l();
+    let covariance = Matrix2::new(0.3, 0.1, 0.1, 0.2);
+    let root = covariance.cholesky().unwrap().l();
+    let mut draws = Draws::new(23);
+    let mut mean = 0.0;
+    for _ in 0..RUNS {
+        let mut drawn = || &factor * DVector::from_fn(control.len(), |_, _| draws.normal());
+        let (x, y) = (drawn(), drawn());
+        let buildings = (0..control.len()).map(|k| {
+            let image = truth().reduced_px(camera.principal_distance_px, control[k].reference_m).unwrap();
+            let noise = root * Vector2::new(draws.normal(), draws.normal());
+            let at_px = image + Vector2::new(x[k], y[k]) + noise;
+            let measured = Some(Measured { at_px, covariance, correlation: 0.9 });
+            Building { control_point: k, matches: Vec::new(), measured, shift_px: Vector2::zeros() }
+        });
+        let buildings = buildings.collect();
+        let sigmas = prior(truth()).information.diagonal().map(|w| 1.0 / w.sqrt());
+        let prior = prior(truth().moved(&sigmas.map(|s| s * draws.normal())));
+        let model = Model { camera: &camera, control: &control, observed: &[], prior: &prior };
+        let adjusted = model.adjust(buildings, &truth()).unwrap();
+        assert_eq!(adjusted.redundancy, 2 * adjusted.held_by().count());
+        let error = adjusted.orientation.step_to(&truth());
+        mean += error.dot(&(adjusted.covariance.try_inverse().unwrap() * error)) / f64::from(RUNS);
+    }
+    assert!((mean - 6.0).abs() < 0.8, "{mean}");
 }
