@@ -36,7 +36,7 @@ pub(super) fn write(seed: u64, folder: &Path) -> anyhow::Result<()> {
     let word = |name: &str| quoted(&file(name).to_string_lossy());
     print(&format!(
         "{}: a paved yard from a pole of {} m\n\nRectify it with\n  gable scene rectify {} --camera {} --target {} \
-         --crs EPSG:25832 --reference 565012.31,5934410.72,45.1 --bearing-deg {:.2} --name yard --out {}",
+         --crs EPSG:25832 --reference 565012.31,5934410.72,45.1 --bearing-deg {:.2} --sigma-px 0.2 --name yard --out {}",
         folder.display(),
         view.height_m,
         word("pole.png"),
