@@ -185,3 +185,18 @@ fn an_ortho_photo_of_nowhere_is_refused() {
     std::fs::remove_file(folder.path().join("ortho.pgw")).unwrap();
     refused(&[&point[..], &["--crs", "EPSG:25832"]].concat(), "give --world");
 }
+
+#[test]
+fn the_simulated_picture_from_a_pole_is_rectified_by_the_command_that_is_printed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (status, told, errors) = run(folder.path(), &["simulate", "--pole", "--out", "poles"]);
+    assert_eq!(status, Some(0), "{errors}");
+    let command: Vec<&str> = told.lines().last().unwrap().split_whitespace().collect();
+    assert_eq!(command[..3], ["gable", "scene", "rectify"]);
+    let (status, told, errors) = run(folder.path(), &command[1..]);
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(told.contains("4.00"), "{told}");
+    let (scene, picture) = read(&folder.path().join("poles/seed-1/scenes"), "yard");
+    assert_eq!(scene["name"], "yard");
+    assert!(picture.width() > 350 && picture.height() > 350, "{:?}", picture.dimensions());
+}
