@@ -10,6 +10,7 @@ use uuid::Uuid;
 
 use super::ControlError;
 use super::region::{GeodeticBox, longitude_latitude_deg};
+use super::sqlite::rows_in_box;
 use crate::geometry::LocalFrame;
 use crate::orientation::ControlPoint;
 use crate::scenes::Scene;
@@ -283,30 +284,12 @@ pub async fn in_box(
     after: i64,
     limit: usize,
 ) -> Result<Vec<(i64, StoredScene)>, ControlError> {
-    let limit_rows = i64::try_from(limit).unwrap_or(i64::MAX);
-    let mut found = Vec::new();
-    for part in region.unwrapped() {
-        // CROSS JOIN for the same reason as with control points
-        let rows = sqlx::query(
-            "SELECT s.* FROM control_scene_boxes b CROSS JOIN control_scenes s ON s.id = b.id
-             WHERE b.max_lon_deg >= ?1 AND b.min_lon_deg <= ?2 AND b.max_lat_deg >= ?3 AND b.min_lat_deg <= ?4
-                 AND b.id > ?5
-             ORDER BY s.id LIMIT ?6",
-        )
-        .bind(part.min_lon_deg)
-        .bind(part.max_lon_deg)
-        .bind(part.min_lat_deg)
-        .bind(part.max_lat_deg)
-        .bind(after)
-        .bind(limit_rows)
-        .fetch_all(pool)
-        .await?;
-        found.append(&mut with_row_ids(&rows)?);
-    }
-    found.sort_by_key(|(row_id, _)| *row_id);
-    found.dedup_by_key(|(row_id, _)| *row_id);
-    found.truncate(limit);
-    Ok(found)
+    // CROSS JOIN for the same reason as with control points
+    let sql = "SELECT s.* FROM control_scene_boxes b CROSS JOIN control_scenes s ON s.id = b.id
+               WHERE b.max_lon_deg >= ?1 AND b.min_lon_deg <= ?2 AND b.max_lat_deg >= ?3 AND b.min_lat_deg <= ?4
+                   AND b.id > ?5
+               ORDER BY s.id LIMIT ?6";
+    with_row_ids(&rows_in_box(pool, sql, region, after, limit).await?)
 }
 
 /// The scenes by ascending number of their rows, from the first one after `after`, at most `limit`.

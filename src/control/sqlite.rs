@@ -169,32 +169,45 @@ pub async fn in_box(
     after: i64,
     limit: usize,
 ) -> Result<Vec<(i64, StoredControlPoint)>, ControlError> {
+    // CROSS JOIN keeps SQLite from walking through all points in the order that is wanted
+    let sql = "SELECT p.id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges
+               FROM control_point_boxes b CROSS JOIN control_points p ON p.id = b.id
+               WHERE b.max_lon_deg >= ?1 AND b.min_lon_deg <= ?2 AND b.max_lat_deg >= ?3 AND b.min_lat_deg <= ?4
+                   AND b.id > ?5
+               ORDER BY p.id LIMIT ?6";
+    with_ids(&rows_in_box(pool, sql, region, after, limit).await?)
+}
+
+/// Rows, by ascending `id`, of a query for what lies in a box: its parameters are least and largest longitude, least
+/// and largest latitude, the id after which the rows begin, and how many there are at most.
+pub(super) async fn rows_in_box(
+    pool: &SqlitePool,
+    sql: &'static str,
+    region: GeodeticBox,
+    after: i64,
+    limit: usize,
+) -> Result<Vec<SqliteRow>, sqlx::Error> {
     let limit_rows = i64::try_from(limit).unwrap_or(i64::MAX);
-    let mut found = Vec::new();
+    let mut found: Vec<(i64, SqliteRow)> = Vec::new();
     for part in region.unwrapped() {
-        // CROSS JOIN keeps SQLite from walking through all points in the order that is wanted
-        let rows = sqlx::query(
-            "SELECT p.id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges
-             FROM control_point_boxes b CROSS JOIN control_points p ON p.id = b.id
-             WHERE b.max_lon_deg >= ?1 AND b.min_lon_deg <= ?2 AND b.max_lat_deg >= ?3 AND b.min_lat_deg <= ?4
-                 AND b.id > ?5
-             ORDER BY p.id LIMIT ?6",
-        )
-        .bind(part.min_lon_deg)
-        .bind(part.max_lon_deg)
-        .bind(part.min_lat_deg)
-        .bind(part.max_lat_deg)
-        .bind(after)
-        .bind(limit_rows)
-        .fetch_all(pool)
-        .await?;
-        found.append(&mut with_ids(&rows)?);
+        let rows = sqlx::query(sql)
+            .bind(part.min_lon_deg)
+            .bind(part.max_lon_deg)
+            .bind(part.min_lat_deg)
+            .bind(part.max_lat_deg)
+            .bind(after)
+            .bind(limit_rows)
+            .fetch_all(pool)
+            .await?;
+        for row in rows {
+            found.push((row.try_get("id")?, row));
+        }
     }
     // a region across the antimeridian is asked for in two parts
     found.sort_by_key(|(id, _)| *id);
     found.dedup_by_key(|(id, _)| *id);
     found.truncate(limit);
-    Ok(found)
+    Ok(found.into_iter().map(|(_, row)| row).collect())
 }
 
 /// The control points by ascending id, from the first one after `after`, at most `limit`.

@@ -6,5 +6,5 @@ pub mod segments;
 pub mod sift;
 pub(crate) mod smooth;
 
-pub use picture::{GreyWindow, Picture, PictureError, PixelRect};
+pub use picture::{GreyWindow, Picture, PictureError, PixelRect, Tiling};
 pub use segments::{Detection, LineSegment, line_segments};

@@ -1,5 +1,7 @@
 //! What the extraction of features needs of a picture: its size, and grey windows of it.
 
+use nalgebra::Vector2;
+
 /// A rectangle of whole pixels of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PixelRect {
@@ -43,6 +45,38 @@ impl GreyWindow {
             grey.extend(a.1.iter().zip(b.1).map(|(a, b)| 0.5 * (a + b)));
         }
         Self { origin_px: self.origin_px, reduction: 2 * self.reduction, width, height, grey }
+    }
+}
+
+/// A picture cut into square tiles, which are asked for by columns and rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tiling {
+    /// Columns and rows of the file.
+    pub size_px: [u32; 2],
+    /// Pixels along a side of a tile.
+    pub side_px: u32,
+}
+
+impl Tiling {
+    /// Columns and rows of the tiles that touch a rectangle, least and largest x and y in pixels of the file (it may
+    /// reach out of the picture).
+    pub fn touching(self, [least_px, largest_px]: [Vector2<f64>; 2]) -> impl Iterator<Item = [u32; 2]> + use<> {
+        let tiles = |least: f64, largest: f64, size: u32| {
+            let last = (f64::from(size) - 1.0).max(0.0);
+            let index = |v: f64| (v.clamp(0.0, last) / f64::from(self.side_px)) as u32;
+            if largest < 0.0 || least > last { 0..0 } else { index(least)..index(largest) + 1 }
+        };
+        let [width, height] = self.size_px;
+        let columns = tiles(least_px.x, largest_px.x, width);
+        let rows = tiles(least_px.y, largest_px.y, height);
+        rows.flat_map(move |row| columns.clone().map(move |column| [column, row]))
+    }
+
+    /// How many pixels of the file lie in tiles.
+    pub fn pixels<'t>(self, tiles: impl IntoIterator<Item = &'t [u32; 2]>) -> u64 {
+        let side = |index: u32, size: u32| u64::from(self.side_px.min(size - index * self.side_px));
+        let [width, height] = self.size_px;
+        tiles.into_iter().map(|[column, row]| side(*column, width) * side(*row, height)).sum()
     }
 }
 

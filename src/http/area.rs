@@ -1,12 +1,58 @@
 //! Parts of the earth that a query asks for.
 
+use serde::Deserialize;
+use utoipa::IntoParams;
+
 use super::problem::Problem;
 use crate::control::GeodeticBox;
 use crate::control::region::longitude_latitude_deg;
 use crate::geometry::{Crs, CrsError};
 
+/// Which control points or scenes are wanted, and in which CRS.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct AreaQuery {
+    /// Only those that touch this rectangle: `min_x,min_y,max_x,max_y` in `crs`.
+    #[param(example = "16.63,52.77,16.64,52.78")]
+    pub(super) bbox: Option<String>,
+    /// The CRS of `bbox` and of the answer; default: EPSG:4979. What it does not reach is left out.
+    #[param(example = "EPSG:4979")]
+    crs: Option<String>,
+    /// Gives heights above the geoid: ellipsoidal height - this.
+    pub(super) geoid_undulation_m: Option<f64>,
+    /// Items on a page, from 1 to 200; 50 if left out.
+    #[param(minimum = 1, maximum = 200)]
+    pub(super) limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    pub(super) cursor: Option<String>,
+}
+
+/// In which CRS one of them is wanted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct CrsQuery {
+    /// The CRS of the answer; default: EPSG:4979.
+    crs: Option<String>,
+    /// Gives heights above the geoid: ellipsoidal height - this.
+    pub(super) geoid_undulation_m: Option<f64>,
+}
+
+impl AreaQuery {
+    pub(super) fn crs(&self) -> Result<Crs, Problem> {
+        known_crs(self.crs.as_deref().unwrap_or(DEFAULT_CRS), self.geoid_undulation_m)
+    }
+}
+
+impl CrsQuery {
+    pub(super) fn crs(&self) -> Result<Crs, Problem> {
+        known_crs(self.crs.as_deref().unwrap_or(DEFAULT_CRS), self.geoid_undulation_m)
+    }
+}
+
 /// The CRS of an answer if the query does not say.
-pub(super) const DEFAULT_CRS: &str = "EPSG:4979";
+const DEFAULT_CRS: &str = "EPSG:4979";
 
 /// A CRS that is known, with an undulation that makes sense.
 pub(super) fn known_crs(given: &str, geoid_undulation_m: Option<f64>) -> Result<Crs, Problem> {

@@ -11,7 +11,7 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::area::{DEFAULT_CRS, Rectangle, cursor, known_crs};
+use super::area::{AreaQuery, CrsQuery, Rectangle, cursor, known_crs};
 use super::extract::{Path, Query, body_problem, media_type, refuse_encoded};
 use super::page::{Page, Wanted};
 use super::problem::Problem;
@@ -42,37 +42,6 @@ struct ImportQuery {
     #[serde(default)]
     #[param(inline)]
     mode: Mode,
-}
-
-/// Which control points are wanted.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-struct ListQuery {
-    /// Only those that touch this rectangle: `min_x,min_y,max_x,max_y` in `crs`.
-    #[param(example = "16.63,52.77,16.64,52.78")]
-    bbox: Option<String>,
-    /// The CRS of `bbox` and of the answer; default: EPSG:4979. What it does not reach is left out.
-    #[param(example = "EPSG:4979")]
-    crs: Option<String>,
-    /// Gives heights above the geoid: ellipsoidal height - this.
-    geoid_undulation_m: Option<f64>,
-    /// Items on a page, from 1 to 200; 50 if left out.
-    #[param(minimum = 1, maximum = 200)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-}
-
-/// In which CRS one control point is wanted.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-struct ReadQuery {
-    /// The CRS of the answer; default: EPSG:4979.
-    crs: Option<String>,
-    /// Gives heights above the geoid: ellipsoidal height - this.
-    geoid_undulation_m: Option<f64>,
 }
 
 /// What an import did.
@@ -143,7 +112,7 @@ async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {
 ///
 /// Each item is a GeoJSON feature, as it is imported. Without `bbox`, all of them.
 #[utoipa::path(
-    get, path = "/control-points", operation_id = "list_control_points", tag = "control points", params(ListQuery),
+    get, path = "/control-points", operation_id = "list_control_points", tag = "control points", params(AreaQuery),
     responses(
         (status = 200, description = "One page", body = Page<ControlPointFeature>),
         (status = 422, description = "A parameter makes no sense", body = Problem, content_type = "application/problem+json"),
@@ -152,9 +121,9 @@ async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {
 )]
 async fn list(
     State(state): State<AppState>,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<AreaQuery>,
 ) -> Result<axum::Json<Page<ControlPointFeature>>, Problem> {
-    let crs = known_crs(query.crs.as_deref().unwrap_or(DEFAULT_CRS), query.geoid_undulation_m)?;
+    let crs = query.crs()?;
     let limit = Wanted::new(query.limit, None)?.limit as usize;
     let rectangle = query.bbox.as_deref().map(Rectangle::parse).transpose()?;
     let region = rectangle.as_ref().map(|rectangle| rectangle.region(&crs)).transpose()?;
@@ -190,7 +159,7 @@ fn positions(feature: &ControlPointFeature) -> impl Iterator<Item = [f64; 3]> {
 /// Show a control point
 #[utoipa::path(
     get, path = "/control-points/{name}", operation_id = "show_control_point", tag = "control points",
-    params(("name" = String, Path, description = "Its name"), ReadQuery),
+    params(("name" = String, Path, description = "Its name"), CrsQuery),
     responses(
         (status = 200, description = "The control point as a GeoJSON feature", body = ControlPointFeature),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
@@ -200,9 +169,9 @@ fn positions(feature: &ControlPointFeature) -> impl Iterator<Item = [f64; 3]> {
 async fn read(
     State(state): State<AppState>,
     Path(name): Path<String>,
-    Query(query): Query<ReadQuery>,
+    Query(query): Query<CrsQuery>,
 ) -> Result<axum::Json<ControlPointFeature>, Problem> {
-    let crs = known_crs(query.crs.as_deref().unwrap_or(DEFAULT_CRS), query.geoid_undulation_m)?;
+    let crs = query.crs()?;
     let point = sqlite::by_name(state.store.pool(), &name).await?;
     let point = point.ok_or_else(|| Problem::not_found("There is no control point of this name."))?;
     let feature = geojson::feature(&point, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });

@@ -7,15 +7,15 @@ use axum::extract::{DefaultBodyLimit, Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use chrono::{DateTime, Utc};
-use serde::{Deserialize, Serialize};
-use utoipa::{IntoParams, ToSchema};
+use serde::Serialize;
+use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use uuid::Uuid;
 
 pub use request::{CheckedScene, ControlSceneRequest};
 
-use super::area::{DEFAULT_CRS, Rectangle, cursor, known_crs};
+use super::area::{AreaQuery, CrsQuery, Rectangle, cursor};
 use super::extract::{Path, Query};
 use super::idempotency::NewId;
 use super::page::{Page, Wanted};
@@ -129,44 +129,9 @@ struct Target {
 }
 
 impl Target {
-    fn new(crs: Option<&str>, geoid_undulation_m: Option<f64>) -> Result<Self, Problem> {
-        Ok(Self { crs: known_crs(crs.unwrap_or(DEFAULT_CRS), geoid_undulation_m)?, geoid_undulation_m })
-    }
-
     fn position(&self, geocentric_m: nalgebra::Vector3<f64>) -> Option<[f64; 3]> {
         self.crs.position_from_geocentric(geocentric_m, self.geoid_undulation_m).ok()
     }
-}
-
-/// Which scenes are wanted.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-struct ListQuery {
-    /// Only those whose picture touches this rectangle: `min_x,min_y,max_x,max_y` in `crs`.
-    #[param(example = "16.63,52.77,16.64,52.78")]
-    bbox: Option<String>,
-    /// The CRS of `bbox` and of the answer; default: EPSG:4979. What it does not reach is left out.
-    #[param(example = "EPSG:4979")]
-    crs: Option<String>,
-    /// Gives heights above the geoid: ellipsoidal height - this.
-    geoid_undulation_m: Option<f64>,
-    /// Items on a page, from 1 to 200; 50 if left out.
-    #[param(minimum = 1, maximum = 200)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-}
-
-/// In which CRS one scene is wanted.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-struct ReadQuery {
-    /// The CRS of the answer; default: EPSG:4979.
-    crs: Option<String>,
-    /// Gives heights above the geoid: ellipsoidal height - this.
-    geoid_undulation_m: Option<f64>,
 }
 
 /// Upload a control scene
@@ -204,7 +169,7 @@ async fn create(State(state): State<AppState>, NewId(id): NewId, request: Reques
 ///
 /// The oldest first. Without `bbox`, all of them.
 #[utoipa::path(
-    get, path = "/control-scenes", operation_id = "list_control_scenes", tag = "control scenes", params(ListQuery),
+    get, path = "/control-scenes", operation_id = "list_control_scenes", tag = "control scenes", params(AreaQuery),
     responses(
         (status = 200, description = "One page", body = Page<ControlSceneAnswer>),
         (status = 422, description = "A parameter makes no sense", body = Problem, content_type = "application/problem+json"),
@@ -213,9 +178,9 @@ async fn create(State(state): State<AppState>, NewId(id): NewId, request: Reques
 )]
 async fn list(
     State(state): State<AppState>,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<AreaQuery>,
 ) -> Result<axum::Json<Page<ControlSceneAnswer>>, Problem> {
-    let target = Target::new(query.crs.as_deref(), query.geoid_undulation_m)?;
+    let target = Target { crs: query.crs()?, geoid_undulation_m: query.geoid_undulation_m };
     let limit = Wanted::new(query.limit, None)?.limit as usize;
     let rectangle = query.bbox.as_deref().map(Rectangle::parse).transpose()?;
     let region = rectangle.as_ref().map(|rectangle| rectangle.region(&target.crs)).transpose()?;
@@ -251,7 +216,7 @@ async fn list(
 /// Show a control scene
 #[utoipa::path(
     get, path = "/control-scenes/{id}", operation_id = "show_control_scene", tag = "control scenes",
-    params(("id" = String, Path, description = "The scene's id or name"), ReadQuery),
+    params(("id" = String, Path, description = "The scene's id or name"), CrsQuery),
     responses(
         (status = 200, description = "The scene", body = ControlSceneAnswer),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
@@ -261,9 +226,9 @@ async fn list(
 async fn read(
     State(state): State<AppState>,
     Path(id): Path<String>,
-    Query(query): Query<ReadQuery>,
+    Query(query): Query<CrsQuery>,
 ) -> Result<axum::Json<ControlSceneAnswer>, Problem> {
-    let target = Target::new(query.crs.as_deref(), query.geoid_undulation_m)?;
+    let target = Target { crs: query.crs()?, geoid_undulation_m: query.geoid_undulation_m };
     let scene = scenes::by_id_or_name(state.store.pool(), &id).await?.ok_or_else(missing)?;
     let answer = ControlSceneAnswer::within(scene, &target);
     let outside = || Problem::invalid_field("?crs", format!("the scene does not lie in {}", target.crs));

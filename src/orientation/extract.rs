@@ -9,7 +9,7 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 use super::places::Places;
-use crate::features::{Detection, LineSegment, Picture, PictureError, PixelRect, line_segments};
+use crate::features::{Detection, LineSegment, Picture, PictureError, PixelRect, Tiling, line_segments};
 use crate::geometry::{Camera, Segment2};
 use crate::scenes::{ImageKeys, Measured};
 
@@ -130,8 +130,8 @@ impl<'a> Extraction<'a> {
     /// [`PictureError`] if the picture cannot be read there.
     pub fn cover_all(&mut self, rectangles_px: &[[Vector2<f64>; 2]]) -> Result<(), PictureError> {
         let mut missing = Vec::new();
-        for [least_px, largest_px] in rectangles_px {
-            for tile in self.tiles(*least_px, *largest_px) {
+        for rectangle in rectangles_px {
+            for tile in self.tiling().touching(*rectangle) {
                 if self.tiles_done.insert(tile) {
                     missing.push(tile);
                 }
@@ -147,27 +147,14 @@ impl<'a> Extraction<'a> {
         Ok(())
     }
 
-    /// Columns and rows of the tiles that touch a rectangle.
-    fn tiles(&self, least_px: Vector2<f64>, largest_px: Vector2<f64>) -> impl Iterator<Item = [u32; 2]> + use<> {
-        let tile_px = f64::from(self.tile_px());
-        let [width, height] = self.picture.size_px();
-        let tiles = |least: f64, largest: f64, size: u32| {
-            let last = (f64::from(size) - 1.0).max(0.0);
-            let index = |v: f64| (v.clamp(0.0, last) / tile_px) as u32;
-            if largest < 0.0 || least > last { 0..0 } else { index(least)..index(largest) + 1 }
-        };
-        let columns = tiles(least_px.x, largest_px.x, width);
-        let rows = tiles(least_px.y, largest_px.y, height);
-        rows.flat_map(move |row| columns.clone().map(move |column| [column, row]))
-    }
-
     /// How many pixels of the file were read so far.
     #[must_use]
     pub fn pixels_read(&self) -> u64 {
-        let [width, height] = self.picture.size_px();
-        let side = |index: u32, size: u32| u64::from(self.tile_px().min(size - index * self.tile_px()));
-        let of_tiles = self.tiles_done.iter().map(|[column, row]| side(*column, width) * side(*row, height));
-        of_tiles.sum::<u64>() + self.keys.pixels_read()
+        self.tiling().pixels(&self.tiles_done) + self.keys.pixels_read()
+    }
+
+    fn tiling(&self) -> Tiling {
+        Tiling { size_px: self.picture.size_px(), side_px: self.tile_px() }
     }
 
     /// Pixels along a side of a tile.

@@ -102,8 +102,8 @@ impl<'a> Search<'a> {
     /// A search for control points under an approximation.
     #[must_use]
     pub fn new(camera: &'a Camera, control: &'a [ControlPoint], approximation: &'a Approximation) -> Self {
-        let without = Self { camera, control, approximation, looks: SceneLooks::none() };
-        Self { looks: SceneLooks::of(&without), ..without }
+        let looks = SceneLooks::of(camera, control, &approximation.orientation);
+        Self { camera, control, approximation, looks }
     }
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
+use super::ControlPoint;
 use super::extract::Extraction;
 use super::gate::{GATE, Located, Scale};
 use super::locate::Peak;
@@ -11,7 +12,8 @@ use super::search::{Candidate, Search, WIDE, square};
 use super::views::{HALF_VIEW_RAD, REACH_SIGMAS};
 use crate::estimation::largest_sigma;
 use crate::features::PictureError;
-use crate::geometry::{ExteriorOrientation, rotation};
+use crate::geometry::{Camera, ExteriorOrientation, rotation};
+use crate::scenes::keys::reduction_for;
 use crate::scenes::measure::{self, measure};
 use crate::scenes::{Gate, Measured, Scene, SceneKey, Sighting, View, correspondences, scene_keys, sightings};
 
@@ -43,20 +45,16 @@ pub(super) struct SceneLooks {
 }
 
 impl SceneLooks {
-    pub(super) fn none() -> Self {
-        Self { keys: Vec::new(), reduction: 1 }
-    }
-
     /// The key points of all scenes among the control points.
-    pub(super) fn of(search: &Search) -> Self {
-        let orientation = &search.approximation.orientation;
-        let view = |k: usize| search.view(k, orientation);
-        let scene = |k: usize| search.control[k].scene.as_deref();
-        let count = search.control.len();
-        let maps = (0..count).filter_map(|k| view(k).file_by_scene(scene(k)?));
-        let reduction = crate::scenes::keys::reduction_for(maps);
-        let of_one = |k: usize| scene(k).map_or(Vec::new(), |scene| scene_keys(scene, &view(k), reduction));
-        Self { keys: (0..count).into_par_iter().map(of_one).collect(), reduction }
+    pub(super) fn of(camera: &Camera, control: &[ControlPoint], orientation: &ExteriorOrientation) -> Self {
+        let view = |point: &ControlPoint| View { camera, orientation, reference_m: point.reference_m };
+        let maps = control.iter().filter_map(|point| view(point).file_by_scene(point.scene.as_deref()?));
+        let reduction = reduction_for(maps);
+        let of_one = |point: &ControlPoint| {
+            let scene = point.scene.as_deref();
+            scene.map_or(Vec::new(), |scene| scene_keys(scene, &view(point), reduction))
+        };
+        Self { keys: control.par_iter().map(of_one).collect(), reduction }
     }
 }
 

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use super::rendering::Rendering;
 use super::{Scene, View};
-use crate::features::sift::{Descriptor, Settings, key_points};
-use crate::features::{Picture, PictureError, PixelRect};
+use crate::features::sift::{Descriptor, KeyPoint, Settings, key_points};
+use crate::features::{Picture, PictureError, PixelRect, Tiling};
 use crate::geometry::Camera;
 
 /// A key point of a scene.
@@ -41,7 +41,7 @@ pub fn scene_keys(scene: &Scene, view: &View, reduction: u32) -> Vec<SceneKey> {
     let Some(rendering) = rendering else { return Vec::new() };
     let settings = Settings { most: Some(2 * MOST_KEYS), ..settings() };
     let found = key_points(&rendering.grey, rendering.width, rendering.height, &settings);
-    let key = |point: crate::features::sift::KeyPoint| {
+    let key = |point: KeyPoint| {
         let (sin, cos) = point.orientation_rad.sin_cos();
         let along_px = rendering.scene_direction(Vector2::new(cos, sin) * point.scale_px);
         let at_px = rendering.scene_px(point.at_px);
@@ -115,8 +115,11 @@ impl<'a> ImageKeys<'a> {
     /// Pixels of the file that were looked at.
     #[must_use]
     pub fn pixels_read(&self) -> u64 {
-        let side_px = u64::from(TILE_CELLS * self.reduction);
-        self.done.len() as u64 * side_px * side_px
+        self.tiling().pixels(&self.done)
+    }
+
+    fn tiling(&self) -> Tiling {
+        Tiling { size_px: self.picture.size_px(), side_px: TILE_CELLS * self.reduction }
     }
 
     /// Finds the key points of all tiles that touch rectangles, least and largest x and y in pixels of the file, with all
@@ -125,20 +128,11 @@ impl<'a> ImageKeys<'a> {
     /// # Errors
     /// [`PictureError`] if the picture cannot be read there.
     pub fn cover(&mut self, rectangles_px: &[[Vector2<f64>; 2]]) -> Result<(), PictureError> {
-        let side_px = f64::from(TILE_CELLS * self.reduction);
-        let [width, height] = self.picture.size_px();
-        let range = |least: f64, largest: f64, size: u32| {
-            let last = f64::from(size.max(1) - 1);
-            let index = |v: f64| (v.clamp(0.0, last) / side_px) as u32;
-            if largest < 0.0 || least > last { 0..0 } else { index(least)..index(largest) + 1 }
-        };
         let mut missing = Vec::new();
-        for [least, largest] in rectangles_px {
-            for row in range(least.y, largest.y, height) {
-                for column in range(least.x, largest.x, width) {
-                    if self.done.insert([column, row]) {
-                        missing.push([column, row]);
-                    }
+        for rectangle in rectangles_px {
+            for tile in self.tiling().touching(*rectangle) {
+                if self.done.insert(tile) {
+                    missing.push(tile);
                 }
             }
         }
@@ -233,7 +227,7 @@ impl<'a> ImageKeys<'a> {
         let settings = Settings { most: Some(MOST_OF_A_TILE), ..settings() };
         let found = key_points(&window.grey, window.width, window.height, &settings);
         let own = |v: f64, first: u32| v >= f64::from(first) && v < f64::from(first + side);
-        let key = |point: crate::features::sift::KeyPoint| {
+        let key = |point: KeyPoint| {
             let origin = Vector2::from(window.origin_px.map(f64::from));
             let pixel = origin + point.at_px * f64::from(r);
             let (sin, cos) = point.orientation_rad.sin_cos();

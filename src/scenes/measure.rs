@@ -3,7 +3,8 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
-use super::rendering::{Rendering, interpolated};
+use super::rendering::Rendering;
+use super::resample::bilinear;
 use super::{Scene, View};
 use crate::features::{GreyWindow, Picture, PictureError, PixelRect};
 
@@ -130,7 +131,7 @@ impl<'a> Matching<'a> {
     fn seen(&self, at: Vector2<f64>) -> Option<f64> {
         let inside = |v: f64, size: usize| v >= 1.0 && v <= size as f64 - 1.0;
         let on = inside(at.x, self.window.width) && inside(at.y, self.window.height);
-        on.then(|| f64::from(interpolated(&self.window.grey, self.window.width, self.window.height, at)))
+        on.then(|| bilinear(&self.window.grey, [self.window.width, self.window.height], at))
     }
 
     /// The place around `start`, to a cell, where the two are most alike.

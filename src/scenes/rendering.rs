@@ -4,6 +4,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::Scene;
+use super::resample::bilinear;
 
 /// A picture that was resampled by a linear map about the scene's reference.
 #[derive(Debug, Clone)]
@@ -53,7 +54,7 @@ impl Rendering {
             let first = Vector2::new(0.5, row as f64 + 0.5) - reference;
             let mut at = scene_by_cell * first + reference_px;
             for _ in 0..width {
-                grey.push(interpolated(&smooth, scene.width, scene.height, at));
+                grey.push(bilinear(&smooth, [scene.width, scene.height], at) as f32);
                 at += step;
             }
         }
@@ -108,19 +109,6 @@ fn smoothed(scene: &Scene, scale: f64) -> Vec<f32> {
     smooth
 }
 
-/// Bilinear; beyond the rim, the rim. `at` is from the corner of the first pixel.
-pub(super) fn interpolated(grey: &[f32], width: usize, height: usize, at: Vector2<f64>) -> f32 {
-    let x = (at.x - 0.5).clamp(0.0, (width - 1) as f64);
-    let y = (at.y - 0.5).clamp(0.0, (height - 1) as f64);
-    let (column, row) = ((x as usize).min(width.saturating_sub(2)), (y as usize).min(height.saturating_sub(2)));
-    let (right, down) = ((x - column as f64) as f32, (y - row as f64) as f32);
-    let (next, below) = (usize::from(width > 1), if height > 1 { width } else { 0 });
-    let first = row * width + column;
-    let upper = grey[first] + right * (grey[first + next] - grey[first]);
-    let lower = grey[first + below] + right * (grey[first + below + next] - grey[first + below]);
-    upper + down * (lower - upper)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -147,8 +135,8 @@ mod tests {
         for (x, y) in [(40.0, 40.0), (55.5, 60.5), (70.25, 45.0)] {
             let at = rendering.scene_px(Vector2::new(x, y));
             if at.min() > 3.0 && at.x < 117.0 && at.y < 87.0 {
-                let seen = interpolated(&rendering.grey, rendering.width, rendering.height, Vector2::new(x, y));
-                let expected = interpolated(&scene().grey, 120, 90, at);
+                let seen = bilinear(&rendering.grey, [rendering.width, rendering.height], Vector2::new(x, y));
+                let expected = bilinear(&scene().grey, [120, 90], at);
                 assert!((seen - expected).abs() < 9.0, "{seen} {expected}");
             }
         }

@@ -84,18 +84,24 @@ fn mean_in_quad(picture: &GreyWindow, corners: [Option<Vector2<f64>>; 4]) -> f32
     (sum / (samples * samples) as f64) as f32
 }
 
-/// The grey at a pixel position (corner origin), between the four pixels about it; at the rim the rim's own.
+/// The grey at a pixel position of a window (corner origin).
 pub(super) fn interpolated(picture: &GreyWindow, pixel: Vector2<f64>) -> f64 {
+    let origin = Vector2::from(picture.origin_px.map(f64::from));
+    bilinear(&picture.grey, [picture.width, picture.height], pixel - origin)
+}
+
+/// The grey at a place of a picture (corner origin), between the four pixels about it; at the rim the rim's own.
+pub(super) fn bilinear(grey: &[f32], [width, height]: [usize; 2], at: Vector2<f64>) -> f64 {
     let along = |v: f64, size: usize| {
         let v = (v - 0.5).clamp(0.0, size.saturating_sub(1) as f64);
         let before = (v as usize).min(size.saturating_sub(2));
         (before, (before + 1).min(size.saturating_sub(1)), v - before as f64)
     };
-    let (x0, x1, right) = along(pixel.x - f64::from(picture.origin_px[0]), picture.width);
-    let (y0, y1, down) = along(pixel.y - f64::from(picture.origin_px[1]), picture.height);
-    let at = |x: usize, y: usize| f64::from(picture.grey[y * picture.width + x]);
-    let upper = at(x0, y0) + right * (at(x1, y0) - at(x0, y0));
-    let lower = at(x0, y1) + right * (at(x1, y1) - at(x0, y1));
+    let (x0, x1, right) = along(at.x, width);
+    let (y0, y1, down) = along(at.y, height);
+    let grey = |x: usize, y: usize| f64::from(grey[y * width + x]);
+    let upper = grey(x0, y0) + right * (grey(x1, y0) - grey(x0, y0));
+    let lower = grey(x0, y1) + right * (grey(x1, y1) - grey(x0, y1));
     upper + down * (lower - upper)
 }
 

@@ -6,6 +6,7 @@
 
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
+use serde_json::{Value, json};
 
 use super::draws::{Draws, Purpose, pixel_deviate};
 use crate::geometry::{Brown, CameraError, ExteriorOrientation, Fisheye, Projection, rotation};
@@ -126,6 +127,33 @@ impl TerrestrialView {
             self.camera.contains(pixel).then_some(Target { template_m, pixel })
         };
         places_m.iter().filter_map(measured).collect()
+    }
+
+    /// The camera as `gable scene rectify` reads it.
+    #[must_use]
+    pub fn camera_body(&self) -> Value {
+        let (centre, Brown { k1, k2, k3, p1, p2, b1_px, b2_px }) =
+            (self.camera.principal_point_px(), *self.camera.distortion());
+        let projection = match self.camera.projection() {
+            Projection::Equidistant => "equidistant",
+            Projection::Equisolid => "equisolid",
+            Projection::Perspective => "brown",
+        };
+        json!({
+            "name": "pole",
+            "image_size_px": self.camera.size_px(),
+            "projection": projection,
+            "principal_distance_px": self.camera.principal_distance_px(),
+            "principal_point_px": [centre.x, centre.y],
+            "distortion": {"model": "brown", "k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2, "b1_px": b1_px, "b2_px": b2_px},
+        })
+    }
+
+    /// Measured targets as `gable scene rectify` reads them.
+    #[must_use]
+    pub fn targets_body(targets: &[Target]) -> Value {
+        let point = |target: &Target| json!({"xy_m": [target.template_m.x, target.template_m.y], "px": [target.pixel.x, target.pixel.y]});
+        json!({"points": targets.iter().map(point).collect::<Vec<_>>()})
     }
 }
 

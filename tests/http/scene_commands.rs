@@ -37,19 +37,8 @@ fn simulated(folder: &Path) -> TerrestrialView {
     let view = TerrestrialView::from_a_pole(1064).unwrap();
     let [width, height] = view.camera.size_px();
     GrayImage::from_raw(width, height, view.photograph(&ground, 3)).unwrap().save(folder.join("pole.png")).unwrap();
-    let centre = view.camera.principal_point_px();
-    let camera = json!({
-        "name": "pole", "image_size_px": [width, height], "projection": "equidistant",
-        "principal_distance_px": view.camera.principal_distance_px(), "principal_point_px": [centre.x, centre.y],
-        "distortion": {"model": "brown", "k1": -0.024, "k2": 0.0018, "p1": 0.0003, "p2": -0.0002},
-    });
-    write(folder, "fisheye.json", &camera);
-    let points: Vec<_> = view
-        .targets(&TEMPLATE_M, 0.0, 1)
-        .iter()
-        .map(|target| json!({"xy_m": [target.template_m.x, target.template_m.y], "px": [target.pixel.x, target.pixel.y]}))
-        .collect();
-    write(folder, "target.json", &json!({"points": points}));
+    write(folder, "fisheye.json", &view.camera_body());
+    write(folder, "target.json", &TerrestrialView::targets_body(&view.targets(&TEMPLATE_M, 0.0, 1)));
     view
 }
 

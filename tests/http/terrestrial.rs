@@ -220,19 +220,9 @@ impl Place {
         let ground = |at_m| Some(at_m).filter(near).map_or(125.0, |at_m| country.grey(at_m));
         let picture = view.photograph(&ground, seed);
         GrayImage::from_raw(width, height, picture).unwrap().save(folder.join(named(".png"))).unwrap();
-        let targets: Vec<Value> = view
-            .targets(&TEMPLATE_M, 0.3, seed)
-            .iter()
-            .map(|t| json!({"xy_m": [t.template_m.x, t.template_m.y], "px": [t.pixel.x, t.pixel.y]}))
-            .collect();
-        std::fs::write(folder.join(named(".target.json")), json!({"points": targets}).to_string()).unwrap();
-        let [x, y]: [f64; 2] = view.camera.principal_point_px().into();
-        let camera = json!({
-            "image_size_px": [width, height], "projection": "equidistant",
-            "principal_distance_px": view.camera.principal_distance_px(), "principal_point_px": [x, y],
-            "distortion": {"model": "brown", "k1": -0.024, "k2": 0.0018, "p1": 0.0003, "p2": -0.0002},
-        });
-        std::fs::write(folder.join("fisheye.json"), camera.to_string()).unwrap();
+        let targets = TerrestrialView::targets_body(&view.targets(&TEMPLATE_M, 0.3, seed));
+        std::fs::write(folder.join(named(".target.json")), targets.to_string()).unwrap();
+        std::fs::write(folder.join("fisheye.json"), view.camera_body().to_string()).unwrap();
         // by GNSS, within a few centimetres
         let [east_m, north_m]: [f64; 2] = self.reference_m(view).into();
         let [dx, dy, dz] = [1, 2, 3].map(|axis| 0.02 * deviate(axis, seed));

@@ -8,7 +8,6 @@ use image::GrayImage;
 use nalgebra::Vector2;
 use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use serde_json::{Value, json};
 
 use super::super::print;
 use super::quoted;
@@ -29,10 +28,11 @@ pub(super) fn write(seed: u64, folder: &Path) -> anyhow::Result<()> {
     let slabs = slabs(seed);
     let [width, height] = view.camera.size_px();
     let picture = GrayImage::from_raw(width, height, view.photograph(&|at_m| yard(&slabs, at_m), seed));
+    let targets = view.targets(&TEMPLATE_M, SIGMA_TARGET_PX, seed);
     let file = |name: &str| folder.join(name);
     picture.context("a picture has as many pixels as its size says")?.save(file("pole.png"))?;
-    std::fs::write(file("fisheye.json"), camera(&view).to_string())?;
-    std::fs::write(file("target.json"), targets(&view, seed).to_string())?;
+    std::fs::write(file("fisheye.json"), view.camera_body().to_string())?;
+    std::fs::write(file("target.json"), TerrestrialView::targets_body(&targets).to_string())?;
     let word = |name: &str| quoted(&file(name).to_string_lossy());
     print(&format!(
         "{}: a paved yard from a pole of {} m\n\nRectify it with\n  gable scene rectify {} --camera {} --target {} \
@@ -45,27 +45,6 @@ pub(super) fn write(seed: u64, folder: &Path) -> anyhow::Result<()> {
         view.azimuth_of_y_rad.to_degrees(),
         word("scenes"),
     ))
-}
-
-fn camera(view: &TerrestrialView) -> Value {
-    let (centre, brown) = (view.camera.principal_point_px(), view.camera.distortion());
-    json!({
-        "name": "pole",
-        "image_size_px": view.camera.size_px(),
-        "projection": "equidistant",
-        "principal_distance_px": view.camera.principal_distance_px(),
-        "principal_point_px": [centre.x, centre.y],
-        "distortion": {"model": "brown", "k1": brown.k1, "k2": brown.k2, "p1": brown.p1, "p2": brown.p2},
-    })
-}
-
-fn targets(view: &TerrestrialView, seed: u64) -> Value {
-    let targets = view.targets(&TEMPLATE_M, SIGMA_TARGET_PX, seed);
-    let point = |(number, target): (usize, &gable::scenes::resect::Target)| {
-        json!({"name": format!("T{}", number + 1), "xy_m": [target.template_m.x, target.template_m.y],
-               "px": [target.pixel.x, target.pixel.y]})
-    };
-    json!({"points": targets.iter().enumerate().map(point).collect::<Vec<_>>()})
 }
 
 /// The grey of each slab.
