@@ -6,7 +6,7 @@ use std::time::Duration;
 use anyhow::{Context as _, bail};
 use clap::Args;
 use gable::configuration::Configuration;
-use gable::control::{ImportReport, Mode, Source, geojson, sqlite};
+use gable::control::{ImportReport, Mode, Source, geojson, points};
 use gable::geometry::Crs;
 use gable::store::Store;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -98,7 +98,7 @@ impl Import {
         let parsed = parse(file, crs.clone(), self.geoid_undulation_m).await?;
         let store = Store::open(&configuration.data).await?;
         let bar = bar(parsed.control_points.len());
-        let imported = sqlite::import(store.pool(), parsed, self.mode, |done| bar.set_position(done as u64)).await;
+        let imported = points::import(store.database(), parsed, self.mode, |done| bar.set_position(done as u64)).await;
         bar.finish_and_clear();
         store.close().await;
         Ok(imported?)
@@ -109,7 +109,7 @@ impl Import {
         let store = Store::open(&configuration.data).await?;
         let bar = bar(list.len());
         let progress = |done| bar.set_position(done as u64);
-        let imported = scenes::import(store.pool(), &list, &Bounds::of(configuration), self.mode, progress).await;
+        let imported = scenes::import(store.database(), &list, &Bounds::of(configuration), self.mode, progress).await;
         bar.finish_and_clear();
         store.close().await;
         imported

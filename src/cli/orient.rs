@@ -10,7 +10,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use gable::control::geojson::Rejection;
 use gable::control::near::Reach;
-use gable::control::{Mode, sqlite};
+use gable::control::{Mode, points};
 use gable::geometry::Crs;
 use gable::http::cameras::CameraRequest;
 use gable::http::extract::parse_json;
@@ -236,7 +236,7 @@ impl Orient {
         };
         let work = prepared.work(camera, &decides)?;
         let pool = match &store {
-            Some(store) if !with_files => store.pool().clone(),
+            Some(store) if !with_files => store.database().clone(),
             _ => self.control_of_files(&Bounds::of(&configuration)).await?,
         };
         let near = ControlNear::find(&pool, &work, Reach::default(), prepared.kinds()).await?;
@@ -286,8 +286,8 @@ impl Orient {
         })
     }
 
-    async fn control_of_files(&self, bounds: &Bounds) -> anyhow::Result<sqlx::SqlitePool> {
-        let pool = sqlite::in_memory().await?;
+    async fn control_of_files(&self, bounds: &Bounds) -> anyhow::Result<Database> {
+        let pool = Database::in_memory().await?;
         if let Some(file) = &self.control {
             self.add_buildings(&pool, file).await?;
         }
@@ -299,12 +299,12 @@ impl Orient {
         Ok(pool)
     }
 
-    async fn add_buildings(&self, pool: &sqlx::SqlitePool, file: &Path) -> anyhow::Result<()> {
+    async fn add_buildings(&self, pool: &Database, file: &Path) -> anyhow::Result<()> {
         let crs = self.crs.clone().context("--control needs --crs, the CRS of its coordinates")?;
         import::warn_of_heights(&crs, self.geoid_undulation_m);
         let parsed = import::parse(file, crs, self.geoid_undulation_m).await?;
         warn_of_rejections(file, "feature", &parsed.rejected);
-        sqlite::import(pool, parsed, Mode::Upsert, |_| {}).await?;
+        points::import(pool, parsed, Mode::Upsert, |_| {}).await?;
         Ok(())
     }
 

@@ -3,6 +3,7 @@
 use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
+use Database;
 use anyhow::Context as _;
 use gable::configuration::Configuration;
 use gable::control::geojson::Rejection;
@@ -11,7 +12,6 @@ use gable::http::control_scenes::{CheckedScene, ControlSceneRequest};
 use gable::imagery::Limits;
 use gable::store::now;
 use serde_json::{Map, Value};
-use sqlx::SqlitePool;
 use uuid::Uuid;
 
 use super::orient::read_json;
@@ -91,7 +91,7 @@ impl SceneList {
 
 /// Writes all good scenes of a list. `progress` is told how many entries are done.
 pub(super) async fn import(
-    pool: &SqlitePool,
+    pool: &Database,
     list: &SceneList,
     bounds: &Bounds,
     mode: Mode,

@@ -3,9 +3,9 @@
 pub mod geojson;
 pub mod model;
 pub mod near;
+pub mod points;
 pub mod region;
 pub mod scenes;
-pub mod sqlite;
 #[cfg(test)]
 mod tests;
 

@@ -2,11 +2,11 @@
 //! of those that orient it best is the prediction's.
 
 use nalgebra::{Vector2, Vector3};
-use sqlx::SqlitePool;
 
 use super::region::{GeodeticBox, longitude_latitude_deg};
 use super::scenes::{self, StoredScene};
-use super::{ControlError, sqlite};
+use super::{ControlError, points};
+use crate::database::Database;
 use crate::geometry::LocalFrame;
 use crate::orientation::ControlPoint;
 use crate::pipeline::Approximation;
@@ -73,7 +73,7 @@ const RELIEF: f64 = 1.2;
 /// # Errors
 /// [`ControlError`] if the database fails.
 pub async fn around(
-    pool: &SqlitePool,
+    database: &Database,
     frame: &LocalFrame,
     half_view_rad: f64,
     approximation: &Approximation,
@@ -82,7 +82,7 @@ pub async fn around(
 ) -> Result<Near, ControlError> {
     let centre_m = approximation.orientation.projection_centre_m;
     let place = longitude_latitude_deg(frame.to_geocentric(centre_m));
-    let Some(ground_m) = median_height_m(pool, frame, place, reach).await? else {
+    let Some(ground_m) = median_height_m(database, frame, place, reach).await? else {
         return Ok(Near::default());
     };
     // the pipeline may search a second time, wider
@@ -93,7 +93,7 @@ pub async fn around(
     let mut near = Near::default();
     if kinds.lines {
         let horizontal_m = |point: &ControlPoint| (point.reference_m - centre_m).xy().norm();
-        let candidates = sqlite::in_box(pool, region, 0, usize::MAX).await?;
+        let candidates = points::in_box(database, region, 0, usize::MAX).await?;
         let candidates = candidates.iter().map(|(_, stored)| stored.in_frame(frame));
         near.lines = candidates.filter(|point| horizontal_m(point) <= radius_m + extent_m(point)).collect();
         if near.lines.len() > reach.most {
@@ -107,7 +107,7 @@ pub async fn around(
             let place_m = frame.from_geocentric(scene.content.reference_geocentric_m).xy();
             Candidate { scene, place_m }
         };
-        let candidates = scenes::in_box(pool, region, 0, usize::MAX).await?.into_iter().map(in_frame);
+        let candidates = scenes::in_box(database, region, 0, usize::MAX).await?.into_iter().map(in_frame);
         // only its reference is of use
         let candidates = candidates.filter(|candidate| (candidate.place_m - centre_m.xy()).norm() <= radius_m);
         near.scenes = chosen(candidates.collect(), &View::new(half_view_rad, approximation, ground_m), reach);
@@ -182,7 +182,7 @@ fn spread(mut candidates: Vec<Candidate>, most: usize) -> Vec<Candidate> {
 }
 
 async fn median_height_m(
-    pool: &SqlitePool,
+    database: &Database,
     frame: &LocalFrame,
     place: [f64; 2],
     reach: Reach,
@@ -190,8 +190,8 @@ async fn median_height_m(
     let mut radius_m = FIRST_RADIUS_M.min(reach.farthest_m);
     loop {
         let region = GeodeticBox::around_place(place, radius_m);
-        let buildings = sqlite::in_box(pool, region, 0, HEIGHTS).await?;
-        let scenes = scenes::in_box(pool, region, 0, HEIGHTS).await?;
+        let buildings = points::in_box(database, region, 0, HEIGHTS).await?;
+        let scenes = scenes::in_box(database, region, 0, HEIGHTS).await?;
         let buildings = buildings.iter().map(|(_, point)| point.reference_geocentric_m);
         let references = buildings.chain(scenes.iter().map(|(_, scene)| scene.content.reference_geocentric_m));
         let heights_m: Vec<f64> = references.map(|reference| frame.from_geocentric(reference).z).collect();

@@ -1,9 +1,9 @@
 use nalgebra::{Vector2, Vector3};
 use rstest::rstest;
 use serde_json::{Value, json};
-use sqlx::SqlitePool;
 
 use super::*;
+use crate::database::Database;
 use crate::geometry::{Brown, Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
 use crate::pipeline::Approximation;
 use near::Reach;
@@ -12,8 +12,8 @@ fn geographic() -> Crs {
     Crs::parse("EPSG:4979").unwrap()
 }
 
-async fn database() -> SqlitePool {
-    sqlite::in_memory().await.unwrap()
+async fn database() -> Database {
+    Database::in_memory().await.unwrap()
 }
 
 fn feature(name: &str, lon: f64, lat: f64, height: f64) -> Value {
@@ -27,10 +27,10 @@ fn collection(features: &[Value]) -> Vec<u8> {
     json!({"type": "FeatureCollection", "features": features}).to_string().into_bytes()
 }
 
-async fn import(pool: &SqlitePool, body: &[u8], mode: Mode) -> ImportReport {
+async fn import(database: &Database, body: &[u8], mode: Mode) -> ImportReport {
     let crs = geographic();
     let parsed = geojson::parse(body, &Source { crs: &crs, geoid_undulation_m: None }).unwrap();
-    sqlite::import(pool, parsed, mode, |_| {}).await.unwrap()
+    points::import(database, parsed, mode, |_| {}).await.unwrap()
 }
 
 fn counts(report: &ImportReport) -> (usize, usize, usize) {
@@ -47,17 +47,17 @@ async fn modes_do_what_they_say() {
     assert_eq!(counts(&again), (1, 0, 1));
     assert_eq!((again.rejected[0].index, again.rejected[0].name.as_deref()), (0, Some("b")));
     assert_eq!(counts(&import(&pool, &moved, Mode::Upsert).await), (0, 2, 0));
-    assert_eq!(sqlite::count(&pool).await.unwrap(), 3);
+    assert_eq!(points::count(&pool).await.unwrap(), 3);
     // the box moved with it
     let there = GeodeticBox::around_place([16.8, 52.7], 100.0);
-    assert_eq!(sqlite::in_box(&pool, there, 0, 10).await.unwrap().len(), 1);
+    assert_eq!(points::in_box(&pool, there, 0, 10).await.unwrap().len(), 1);
     let before = GeodeticBox::around_place([16.7, 52.7], 100.0);
-    assert_eq!(sqlite::in_box(&pool, before, 0, 10).await.unwrap().len(), 0);
+    assert_eq!(points::in_box(&pool, before, 0, 10).await.unwrap().len(), 0);
     let only = collection(&[feature("c", 16.9, 52.7, 70.0), feature("d", 16.9, 52.8, 70.0)]);
     assert_eq!(counts(&import(&pool, &only, Mode::Replace).await), (1, 1, 0));
-    assert_eq!(sqlite::count(&pool).await.unwrap(), 2);
-    assert!(sqlite::by_name(&pool, "a").await.unwrap().is_none());
-    assert_eq!(sqlite::all(&pool, 0, 10).await.unwrap().len(), 2);
+    assert_eq!(points::count(&pool).await.unwrap(), 2);
+    assert!(points::by_name(&pool, "a").await.unwrap().is_none());
+    assert_eq!(points::all(&pool, 0, 10).await.unwrap().len(), 2);
 }
 
 #[tokio::test]
@@ -66,7 +66,7 @@ async fn replacing_by_nothing_but_bad_features_removes_nothing() {
     import(&pool, &collection(&[feature("a", 16.6, 52.7, 70.0)]), Mode::Upsert).await;
     let report = import(&pool, &collection(&[json!({"type": "Feature"})]), Mode::Replace).await;
     assert_eq!(counts(&report), (0, 0, 1));
-    assert_eq!(sqlite::count(&pool).await.unwrap(), 1);
+    assert_eq!(points::count(&pool).await.unwrap(), 1);
 }
 
 /// A feature with another value at a pointer.
@@ -134,8 +134,8 @@ async fn positions_come_back_in_the_crs_asked_for_and_heights_as_they_were_given
     let crs = geographic();
     let with_undulation = Source { crs: &crs, geoid_undulation_m: Some(38.0) };
     let parsed = geojson::parse(&collection(&[feature("a", 16.6, 52.7, 70.0)]), &with_undulation).unwrap();
-    sqlite::import(&pool, parsed, Mode::Upsert, |_| {}).await.unwrap();
-    let stored = sqlite::by_name(&pool, "a").await.unwrap().unwrap();
+    points::import(&pool, parsed, Mode::Upsert, |_| {}).await.unwrap();
+    let stored = points::by_name(&pool, "a").await.unwrap().unwrap();
     let back = geojson::feature(&stored, &with_undulation).unwrap();
     let ellipsoidal = geojson::feature(&stored, &Source { crs: &crs, geoid_undulation_m: None }).unwrap();
     let ([start, _], [above, _]) = (back.geometry.coordinates[0], ellipsoidal.geometry.coordinates[0]);
@@ -222,12 +222,12 @@ async fn the_next_page_begins_after_the_last_one() {
     let names = |first: &[(i64, StoredControlPoint)], second: &[(i64, StoredControlPoint)]| {
         first.iter().chain(second).map(|(_, point)| point.name.clone()).collect::<Vec<_>>()
     };
-    let first = sqlite::all(&pool, 0, 3).await.unwrap();
-    let second = sqlite::all(&pool, first[2].0, 3).await.unwrap();
+    let first = points::all(&pool, 0, 3).await.unwrap();
+    let second = points::all(&pool, first[2].0, 3).await.unwrap();
     assert_eq!(names(&first, &second), ["p0", "p1", "p2", "p3", "p4"]);
     let region = GeodeticBox::around_place([16.602, 52.7], 1_000.0);
-    let first = sqlite::in_box(&pool, region, 0, 3).await.unwrap();
-    let second = sqlite::in_box(&pool, region, first[2].0, 3).await.unwrap();
+    let first = points::in_box(&pool, region, 0, 3).await.unwrap();
+    let second = points::in_box(&pool, region, first[2].0, 3).await.unwrap();
     assert_eq!(names(&first, &second), ["p0", "p1", "p2", "p3", "p4"]);
 }
 
@@ -268,7 +268,7 @@ fn content(name: &str, geocentric_m: Vector3<f64>) -> SceneContent {
     }
 }
 
-async fn add(pool: &SqlitePool, content: &SceneContent) -> scenes::Written {
+async fn add(database: &Database, content: &SceneContent) -> scenes::Written {
     let now = chrono::DateTime::from_timestamp(1_800_000_000, 0).unwrap();
     scenes::write(pool, uuid::Uuid::now_v7(), content, b"abc", now).await.unwrap()
 }
@@ -354,7 +354,7 @@ async fn scenes_that_may_be_in_view_are_found_with_their_own_ground() {
     assert_eq!(found(BOTH).await, ["house", "below", "beside"]);
     assert_eq!(found(Kinds { lines: false, ..BOTH }).await, ["below", "beside"]);
     assert_eq!(found(Kinds { scenes: false, ..BOTH }).await, ["house"]);
-    sqlx::query("DELETE FROM control_point_boxes").execute(&pool).await.unwrap();
+    query("DELETE FROM control_point_boxes").execute(&pool).await.unwrap();
     assert_eq!(found(BOTH).await, ["below", "beside"]);
 }
 

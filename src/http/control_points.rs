@@ -17,7 +17,7 @@ use super::page::{Page, Wanted};
 use super::problem::Problem;
 use super::state::AppState;
 use crate::control::geojson::{self, ControlPointFeature};
-use crate::control::{CollectionError, ControlError, ImportReport, Mode, Source, sqlite};
+use crate::control::{CollectionError, ControlError, ImportReport, Mode, Source, points};
 use crate::report::Warning;
 
 /// The routes of the control points.
@@ -91,7 +91,7 @@ async fn import(
     let body = whole_body(request.into_body(), state.configuration.import_max_bytes).await?;
     let parse = move || geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });
     let parsed = tokio::task::spawn_blocking(parse).await.map_err(|error| Problem::internal(&error))?;
-    let report = sqlite::import(state.store.pool(), parsed?, query.mode, |_| {}).await?;
+    let report = points::import(state.store.database(), parsed?, query.mode, |_| {}).await?;
     tracing::info!(imported = report.imported, updated = report.updated, rejected = report.rejected.len(), "imported");
     Ok(axum::Json(ImportAnswer { report, warnings }))
 }
@@ -133,8 +133,8 @@ async fn list(
     loop {
         // one more than fits, to know whether there is a next page
         let found = match region {
-            Some(region) => sqlite::in_box(state.store.pool(), region, after, limit + 1).await?,
-            None => sqlite::all(state.store.pool(), after, limit + 1).await?,
+            Some(region) => points::in_box(state.store.database(), region, after, limit + 1).await?,
+            None => points::all(state.store.database(), after, limit + 1).await?,
         };
         let last = found.len() <= limit;
         for (id, point) in found {
@@ -172,7 +172,7 @@ async fn read(
     Query(query): Query<CrsQuery>,
 ) -> Result<axum::Json<ControlPointFeature>, Problem> {
     let crs = query.crs()?;
-    let point = sqlite::by_name(state.store.pool(), &name).await?;
+    let point = points::by_name(state.store.database(), &name).await?;
     let point = point.ok_or_else(|| Problem::not_found("There is no control point of this name."))?;
     let feature = geojson::feature(&point, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });
     let feature =

@@ -158,7 +158,7 @@ async fn create(State(state): State<AppState>, NewId(id): NewId, request: Reques
     // each holds its body and its picture in memory
     let _permit = state.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
     let upload::Received { request, checked, file } = upload::receive(&state, request).await?;
-    let written = scenes::write(state.store.pool(), id, &checked.content, &file, now()).await?;
+    let written = scenes::write(state.store.database(), id, &checked.content, &file, now()).await?;
     let status = if written.new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/api/v1/control-scenes/{}", written.scene.public_id);
     let answer = ControlSceneAnswer::new(written.scene, request.reference, checked.warnings);
@@ -194,8 +194,8 @@ async fn list(
     loop {
         // one more than fits, to know whether there is a next page
         let found = match region {
-            Some(region) => scenes::in_box(state.store.pool(), region, after, limit + 1).await?,
-            None => scenes::all(state.store.pool(), after, limit + 1).await?,
+            Some(region) => scenes::in_box(state.store.database(), region, after, limit + 1).await?,
+            None => scenes::all(state.store.database(), after, limit + 1).await?,
         };
         let last = found.len() <= limit;
         for (row_id, scene) in found {
@@ -229,7 +229,7 @@ async fn read(
     Query(query): Query<CrsQuery>,
 ) -> Result<axum::Json<ControlSceneAnswer>, Problem> {
     let target = Target { crs: query.crs()?, geoid_undulation_m: query.geoid_undulation_m };
-    let scene = scenes::by_id_or_name(state.store.pool(), &id).await?.ok_or_else(missing)?;
+    let scene = scenes::by_id_or_name(state.store.database(), &id).await?.ok_or_else(missing)?;
     let answer = ControlSceneAnswer::within(scene, &target);
     let outside = || Problem::invalid_field("?crs", format!("the scene does not lie in {}", target.crs));
     Ok(axum::Json(answer.ok_or_else(outside)?))
@@ -258,7 +258,7 @@ async fn show_picture(
     Path(id): Path<String>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let scene = scenes::by_id_or_name(state.store.pool(), &id).await?.ok_or_else(missing)?;
+    let scene = scenes::by_id_or_name(state.store.database(), &id).await?.ok_or_else(missing)?;
     let tag = |scene: &StoredScene| format!("\"{}\"", hexadecimal(&scene.content.sha256));
     let known = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
     let known =
@@ -268,7 +268,7 @@ async fn show_picture(
     if known {
         return Ok((StatusCode::NOT_MODIFIED, cached(tag(&scene))).into_response());
     }
-    let (scene, file) = scenes::with_picture(state.store.pool(), scene.public_id).await?.ok_or_else(missing)?;
+    let (scene, file) = scenes::with_picture(state.store.database(), scene.public_id).await?.ok_or_else(missing)?;
     Ok((cached(tag(&scene)), [(header::CONTENT_TYPE, scene.content.media_type)], file).into_response())
 }
 
@@ -285,7 +285,7 @@ async fn show_picture(
     ),
 )]
 async fn remove(State(state): State<AppState>, Path(id): Path<String>) -> Result<StatusCode, Problem> {
-    match scenes::remove(state.store.pool(), &id).await? {
+    match scenes::remove(state.store.database(), &id).await? {
         true => Ok(StatusCode::NO_CONTENT),
         false => Err(missing()),
     }

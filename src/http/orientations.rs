@@ -16,6 +16,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use uuid::Uuid;
 
+use super::access::Caller;
 use super::extract::{Json, Path, Query};
 use super::idempotency::NewId;
 use super::page::{Page, Wanted};
@@ -102,10 +103,11 @@ impl ListQuery {
 async fn create(
     State(state): State<AppState>,
     NewId(id): NewId,
+    caller: Caller,
     headers: HeaderMap,
     Json(request): Json<OrientationRequest>,
 ) -> Result<Response, Problem> {
-    let new = checked(&state, id, &request).await?;
+    let new = checked(&state, id, &request, caller.credential).await?;
     state.jobs.submit(&new).await?;
     let wait_s = preferred_wait_s(&headers).map(|seconds| seconds.min(state.configuration.wait_max_s));
     let patience = Duration::from_secs(wait_s.unwrap_or(0));
@@ -120,8 +122,13 @@ async fn create(
     Ok(response)
 }
 
-/// Finds what the request refers to, and checks everything.
-async fn checked(state: &AppState, id: Uuid, request: &OrientationRequest) -> Result<NewOrientation, Problem> {
+/// Finds what the request refers to, and checks everything. `lane`: among whom it waits its turn.
+pub(super) async fn checked(
+    state: &AppState,
+    id: Uuid,
+    request: &OrientationRequest,
+    lane: String,
+) -> Result<NewOrientation, Problem> {
     let image = match Uuid::try_parse(&request.image) {
         Ok(id) => state.store.image(id).await?,
         Err(_) => None,
@@ -133,7 +140,8 @@ async fn checked(state: &AppState, id: Uuid, request: &OrientationRequest) -> Re
     let mut prepared = request.prepare(camera.image_size_px(), &facts).map_err(|faults| Problem::of_faults(&faults))?;
     prepared.policy = prepared.policy.or(&state.configuration.policy());
     let prepared = serde_json::to_string(&prepared).map_err(|error| Problem::internal(&error))?;
-    Ok(NewOrientation { id, image_id: image.id, camera_id: camera.id, prepared })
+    let priority = request.priority.unwrap_or_default();
+    Ok(NewOrientation { id, image_id: image.id, camera_id: camera.id, prepared, lane, priority })
 }
 
 /// What is known of the image; its file is asked only where the request leaves something out.

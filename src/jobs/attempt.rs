@@ -26,11 +26,13 @@ use crate::report::overlay::Drawing;
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
 use crate::store::images::INCOMING;
-use crate::store::orientations::{self, Failure, Finished, Orientation, Status};
+use crate::store::orientations::{self, Claim, Failure, Finished, Orientation, Status};
 use crate::store::sightings::Sighting;
 
 /// How often the progress of an attempt is written to its row.
 const NOTE_INTERVAL: Duration = Duration::from_millis(500);
+/// How often an attempt says that it goes on; its lease is several times as long.
+const HEARTBEAT: Duration = Duration::from_secs(5);
 /// Tries to write a row once the service is ending.
 const LAST_TRIES: usize = 8;
 /// After the database has failed, before it is tried again; doubled each time, up to the longest.
@@ -216,20 +218,20 @@ impl Inner {
     }
 
     async fn under_signal(self: Arc<Self>, id: Uuid, signal: Arc<Signal>) {
-        let lease = Uuid::now_v7();
-        let Some(Some(orientation)) = self.insist(id, || self.store.begin_attempt(id, lease)).await else {
+        let claim = Claim { id, lease: Uuid::now_v7() };
+        let Some(Some(orientation)) = self.insist(id, || self.store.begin_attempt(claim, self.worker)).await else {
             return;
         };
         let ending = if orientation.attempts > self.settings.max_attempts {
-            self.too_often()
+            self.too_often(orientation.fate.as_deref())
         } else {
             let _ = self.changes.send(Change { id, status: Status::Running, stage: None, progress: 0.0 });
             let began = Instant::now();
-            let worked = self.clone().work(&orientation, lease, signal.clone()).await;
+            let worked = self.clone().work(&orientation, claim, signal.clone()).await;
             metrics::histogram!("gable_orientation_duration_seconds").record(began.elapsed().as_secs_f64());
             worked.map_or_else(|error| self.ending(&orientation, &error, &signal), Ending::Finished)
         };
-        self.insist(id, || self.write(lease, id, &ending)).await;
+        self.insist(id, || self.write(claim, &orientation, &ending)).await;
     }
 
     /// Tries until the database does it: it may be full or busy for a while. `None` if the service ends before; then
@@ -259,13 +261,13 @@ impl Inner {
     async fn work(
         self: Arc<Self>,
         orientation: &Orientation,
-        lease: Uuid,
+        claim: Claim,
         signal: Arc<Signal>,
     ) -> Result<Finished, AttemptError> {
         let Loaded { path, prepared, work, control } = self.load(orientation).await?;
         let [buildings, scenes] = control.counts();
         tracing::info!(id = %orientation.id, attempt = orientation.attempts, buildings, scenes, "orienting");
-        let (watcher, noted) = Watcher::new(orientation.id, signal, self.changes.clone());
+        let (watcher, noted) = Watcher::new(orientation.id, signal.clone(), self.changes.clone());
         let (orient, limits) = (self.orient.clone(), self.settings.limits.clone());
         let incoming = self.store.folder().join(INCOMING);
         let mut blocking = tokio::task::spawn_blocking(move || {
@@ -277,7 +279,7 @@ impl Inner {
         let joined = tokio::select! {
             joined = &mut blocking => joined,
             // ends when the watcher is dropped with the blocking task
-            () = self.note(noted, lease, orientation.id) => blocking.await,
+            () = self.note(noted, claim, &signal) => blocking.await,
         };
         let Oriented { result, drawing, record, sightings } = joined.map_err(panicked)??;
         Ok(Finished {
@@ -295,16 +297,28 @@ impl Inner {
         let camera = camera.ok_or(AttemptError::Missing { what: "camera" })?;
         let prepared: Prepared = serde_json::from_str(&orientation.prepared)?;
         let work = prepared.work(camera, &self.active.get(&self.store).await?)?;
-        let control = ControlNear::find(self.store.pool(), &work, self.settings.reach, prepared.kinds()).await?;
+        let control = ControlNear::find(self.store.database(), &work, self.settings.reach, prepared.kinds()).await?;
         Ok(Loaded { path: self.store.image_path(&image.sha256), prepared, work, control })
     }
 
-    /// Writes the progress to the row, now and then.
-    async fn note(&self, mut noted: watch::Receiver<(&'static str, f64)>, lease: Uuid, id: Uuid) {
-        while noted.changed().await.is_ok() {
-            let (stage, fraction) = *noted.borrow_and_update();
-            if let Err(error) = self.store.note_progress(lease, id, stage, fraction).await {
-                tracing::warn!(%id, %error, "progress could not be noted");
+    /// Writes the progress to the row, now and then, which keeps the lease; and interrupts an attempt that is nobody's any
+    /// more: it was cancelled, or given to another process.
+    async fn note(&self, mut noted: watch::Receiver<(&'static str, f64)>, claim: Claim, signal: &Signal) {
+        let mut kept = Instant::now();
+        // an end of the channel is the end of the attempt
+        while noted.has_changed().is_ok() {
+            let news = noted.has_changed().unwrap_or_default();
+            let held = if news || kept.elapsed() >= HEARTBEAT {
+                kept = Instant::now();
+                let (stage, fraction) = *noted.borrow_and_update();
+                self.store.note_progress(claim, stage, fraction).await
+            } else {
+                self.store.holds(claim).await
+            };
+            match held {
+                Ok(true) => {}
+                Ok(false) => signal.interrupt(),
+                Err(error) => tracing::warn!(id = %claim.id, %error, "progress could not be noted"),
             }
             tokio::time::sleep(NOTE_INTERVAL).await;
         }
@@ -332,31 +346,31 @@ impl Inner {
         Ending::Again { counted: true }
     }
 
-    fn too_often(&self) -> Ending {
-        let attempts = self.settings.max_attempts;
-        let detail =
-            format!("given up: {attempts} attempts have ended without a result, perhaps together with the service");
+    fn too_often(&self, fate: Option<&str>) -> Ending {
+        let (attempts, fate) = (self.settings.max_attempts, fate.unwrap_or("perhaps together with the service"));
+        let detail = format!("given up: {attempts} attempts have ended without a result: {fate}");
         Ending::GivenUp(Failure { code: "given_up".to_owned(), detail })
     }
 
-    async fn write(&self, lease: Uuid, id: Uuid, ending: &Ending) -> Result<(), StoreError> {
+    async fn write(&self, claim: Claim, orientation: &Orientation, ending: &Ending) -> Result<(), StoreError> {
+        let id = claim.id;
         match ending {
             Ending::Finished(finished) => {
-                if self.store.finish(lease, id, finished).await? {
+                if self.store.finish(claim, finished).await? {
                     tracing::info!(%id, verdict = finished.verdict, "oriented");
                     self.ended(id, Status::Succeeded, Some(&finished.verdict));
                 }
             }
             Ending::GivenUp(failure) => {
-                if self.store.fail(lease, id, failure).await? {
+                if self.store.fail(claim, failure).await? {
                     tracing::warn!(%id, code = failure.code, detail = failure.detail, "failed");
                     self.ended(id, Status::Failed, None);
                 }
             }
             Ending::Again { counted } => {
                 let mut transaction = self.store.begin_write().await?;
-                if orientations::release(&mut transaction, lease, id, *counted).await? {
-                    self.queue.push(&mut transaction, id).await?;
+                if orientations::release(&mut transaction, claim, *counted).await? {
+                    self.queue.push(&mut transaction, id, orientation.turn).await?;
                     transaction.commit().await?;
                     self.queue.announce();
                 }
@@ -367,7 +381,7 @@ impl Inner {
     }
 
     async fn count_queue(&self) -> Result<(), StoreError> {
-        let mut transaction = self.store.pool().begin().await?;
+        let mut transaction = self.store.database().begin().await?;
         self.gauge_queue(orientations::queued(&mut transaction).await? as usize);
         Ok(())
     }

@@ -39,7 +39,7 @@ use crate::imagery::{ImageFile, Limits};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{Fault, Observer, Outcome, Task};
 use crate::report::overlay::{self, Drawing};
-use crate::store::orientations::{self, NewOrientation, Orientation, Status};
+use crate::store::orientations::{self, Abandoned, NewOrientation, Orientation, Status};
 use crate::store::{Store, StoreError};
 use queue::{Handler, Queue};
 use watcher::Signal;
@@ -102,6 +102,8 @@ pub enum SubmitError {
 pub struct Jobs(Arc<Inner>);
 
 struct Inner {
+    /// Of this process.
+    worker: Uuid,
     store: Store,
     settings: Settings,
     orient: Orient,
@@ -124,12 +126,24 @@ impl Jobs {
     /// The jobs over a store. Nothing runs before [`Self::run`].
     #[must_use]
     pub fn new(store: Store, settings: Settings, orient: Orient) -> Self {
-        let queue = Queue::new(store.pool().clone());
+        let queue = Queue::new(store.database().clone());
         let (changes, _) = broadcast::channel(CHANGES_KEPT);
         let (running, stopping) = (Mutex::default(), CancellationToken::new());
         let drawing = Arc::new(Semaphore::new(settings.workers));
         let (active, to_train) = (ActiveClassifier::default(), Notify::new());
-        let inner = Inner { store, settings, orient, queue, changes, running, stopping, drawing, active, to_train };
+        let inner = Inner {
+            worker: Uuid::now_v7(),
+            store,
+            settings,
+            orient,
+            queue,
+            changes,
+            running,
+            stopping,
+            drawing,
+            active,
+            to_train,
+        };
         Self(Arc::new(inner))
     }
 
@@ -138,12 +152,16 @@ impl Jobs {
     /// # Errors
     /// [`StoreError`].
     pub async fn prepare(&self) -> Result<(), StoreError> {
-        self.0.queue.migrate().await?;
+        if self.0.store.database().is_shared() {
+            // others are at work: what was abandoned is found by its lease
+            return Ok(());
+        }
         let mut transaction = self.0.store.begin_write().await?;
         self.0.queue.clear(&mut transaction).await?;
-        let waiting = orientations::recover(&mut transaction).await?;
-        for id in &waiting {
-            self.0.queue.push(&mut transaction, *id).await?;
+        orientations::recover(&mut transaction, Abandoned::All, "together with the service").await?;
+        let waiting = orientations::waiting(&mut transaction).await?;
+        for (id, turn) in &waiting {
+            self.0.queue.push(&mut transaction, *id, *turn).await?;
         }
         transaction.commit().await?;
         if !waiting.is_empty() {
@@ -210,11 +228,11 @@ impl Jobs {
         let waiting = orientations::queued(&mut transaction).await?;
         let queue_max = self.0.settings.queue_max;
         // the second try of a request that was accepted already is no new one
-        if orientations::insert(&mut transaction, new).await? {
+        if let Some(turn) = orientations::insert(&mut transaction, new).await? {
             if waiting >= queue_max {
                 return Err(SubmitError::QueueFull { queue_max });
             }
-            self.0.queue.push(&mut transaction, new.id).await?;
+            self.0.queue.push(&mut transaction, new.id, turn).await?;
             transaction.commit().await.map_err(StoreError::from)?;
             self.0.queue.announce();
             self.0.gauge_queue(waiting as usize + 1);

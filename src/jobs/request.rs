@@ -23,6 +23,7 @@ use crate::imagery::{ExifHeading, ExifPosition, Probe};
 use crate::interior::{FilmCamera, Wanted};
 use crate::pipeline::{Approximation, FilmTask, Judge, Task, Tolerance};
 use crate::report::{ApproximationUsed, ClassifierUsed, Output, Vertical, Warning};
+use crate::store::orientations::Priority;
 
 /// The tolerance if the request does not say.
 const TOLERANCE_GSD: f64 = 10.0;
@@ -71,6 +72,9 @@ pub struct OrientationRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = "EPSG:32614")]
     pub output_crs: Option<String>,
+    /// Which of the waiting go first: `low`, `normal` (the default) or `high`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub priority: Option<Priority>,
     /// Not available yet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub webhook: Option<String>,

@@ -3,12 +3,11 @@
 use std::io::Write as _;
 use std::path::Path;
 
-use sqlx::SqlitePool;
-
 use super::request::Work;
 use crate::control::near::Reach;
 use crate::control::scenes::{SceneContent, with_picture};
 use crate::control::{self, ControlError, Kinds};
+use crate::database::Database;
 use crate::features::{Picture as _, PictureError, PixelRect};
 use crate::geometry::LocalFrame;
 use crate::imagery::{Format, ImageFile, ImageryError, Limits};
@@ -88,13 +87,13 @@ impl ControlNear {
     ///
     /// # Errors
     /// [`ControlError`] if the database fails.
-    pub async fn find(pool: &SqlitePool, work: &Work, reach: Reach, kinds: Kinds) -> Result<Self, ControlError> {
+    pub async fn find(database: &Database, work: &Work, reach: Reach, kinds: Kinds) -> Result<Self, ControlError> {
         let half_view_rad = work.camera.half_view_rad();
-        let near = control::around(pool, &work.frame, half_view_rad, &work.approximation, reach, kinds).await?;
+        let near = control::around(database, &work.frame, half_view_rad, &work.approximation, reach, kinds).await?;
         let mut scenes = Vec::new();
         for scene in near.scenes {
             // by now it may be another one, or deleted
-            if let Some((scene, file)) = with_picture(pool, scene.public_id).await? {
+            if let Some((scene, file)) = with_picture(database, scene.public_id).await? {
                 scenes.push(Unread { content: scene.content, file });
             }
         }

@@ -377,12 +377,12 @@ async fn a_result_that_cannot_be_written_is_written_later() {
     let (_stop, _ended) = start(&jobs).await;
     let refuse = "CREATE TRIGGER full BEFORE UPDATE ON orientations WHEN NEW.status = 'succeeded'
                   BEGIN SELECT RAISE(ABORT, 'no room'); END";
-    sqlx::query(refuse).execute(bench.store.pool()).await.unwrap();
+    sqlx::query(refuse).execute(bench.store.database()).await.unwrap();
     let wanted = bench.wanted();
     jobs.submit(&wanted).await.unwrap();
     let row = jobs.wait(wanted.id, Duration::from_millis(300)).await.unwrap().unwrap();
     assert_eq!(row.status, Status::Running);
-    sqlx::query("DROP TRIGGER full").execute(bench.store.pool()).await.unwrap();
+    sqlx::query("DROP TRIGGER full").execute(bench.store.database()).await.unwrap();
     let row = jobs.wait(wanted.id, PATIENCE).await.unwrap().unwrap();
     assert_eq!((row.status, row.attempts), (Status::Succeeded, 1));
 }
@@ -397,7 +397,8 @@ async fn the_queue_leaves_the_database_durable() {
     jobs.submit(&wanted).await.unwrap();
     jobs.wait(wanted.id, PATIENCE).await.unwrap();
     for _ in 0..8 {
-        let synchronous: i64 = sqlx::query_scalar("PRAGMA synchronous").fetch_one(bench.store.pool()).await.unwrap();
+        let synchronous: i64 =
+            sqlx::query_scalar("PRAGMA synchronous").fetch_one(bench.store.database()).await.unwrap();
         assert_eq!(synchronous, 2);
     }
     // our migrations and the queue's, in one table, and both again

@@ -2,11 +2,11 @@
 
 use chrono::{DateTime, Utc};
 use nalgebra::Vector2;
-use sqlx::sqlite::{SqliteQueryResult, SqliteRow};
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
+use crate::database::{Transaction, query};
 use crate::geometry::{Brown, Camera};
 
 /// A camera with its name.
@@ -75,9 +75,9 @@ pub enum Removed {
 
 impl Removed {
     /// From what the database says of a row that was to be deleted.
-    pub(super) fn of(done: Result<SqliteQueryResult, sqlx::Error>) -> Result<Self, StoreError> {
+    pub(super) fn of(done: Result<u64, sqlx::Error>) -> Result<Self, StoreError> {
         match done {
-            Ok(done) if done.rows_affected() == 0 => Ok(Self::Missing),
+            Ok(0) => Ok(Self::Missing),
             Ok(_) => Ok(Self::Gone),
             Err(sqlx::Error::Database(error)) if error.is_foreign_key_violation() => Ok(Self::InUse),
             Err(error) => Err(error.into()),
@@ -89,7 +89,9 @@ impl Removed {
 struct Row {
     id: Uuid,
     name: String,
+    #[sqlx(try_from = "i64")]
     width_px: u32,
+    #[sqlx(try_from = "i64")]
     height_px: u32,
     principal_distance_px: f64,
     principal_point_x_px: f64,
@@ -105,8 +107,11 @@ struct Row {
     film: Option<String>,
 }
 
-impl FromRow<'_, SqliteRow> for NamedCamera {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
+impl<'r, R: sqlx::Row> FromRow<'r, R> for NamedCamera
+where
+    Row: FromRow<'r, R>,
+{
+    fn from_row(row: &'r R) -> Result<Self, sqlx::Error> {
         let row = Row::from_row(row)?;
         let (id, name, created_at) = (row.id, row.name.clone(), row.created_at);
         let kind = row.kind()?;
@@ -140,10 +145,10 @@ impl Store {
         let d = camera.distortion().copied().unwrap_or_default();
         let principal_point_px = camera.principal_point_px();
         let mut transaction = self.begin_write().await?;
-        let inserted = sqlx::query(
+        let inserted = query(
             "INSERT INTO cameras (id, name, width_px, height_px, principal_distance_px, principal_point_x_px,
              principal_point_y_px, k1, k2, k3, p1, p2, b1_px, b2_px, created_at)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15) ON CONFLICT DO NOTHING",
         )
         .bind(id)
         .bind(name)
@@ -160,9 +165,8 @@ impl Store {
         .bind(d.b1_px)
         .bind(d.b2_px)
         .bind(now())
-        .execute(&mut *transaction)
-        .await?
-        .rows_affected();
+        .execute(&mut transaction)
+        .await?;
         let added = added(&mut transaction, inserted, name, &CameraKind::Digital(*camera)).await?;
         transaction.commit().await?;
         Ok(added)
@@ -180,18 +184,17 @@ impl Store {
         templates: &[Uuid],
     ) -> Result<Added, StoreError> {
         let mut transaction = self.begin_write().await?;
-        let inserted = sqlx::query(
+        let inserted = query(
             "INSERT INTO cameras (id, name, width_px, height_px, principal_distance_px, principal_point_x_px,
              principal_point_y_px, k1, k2, k3, p1, p2, b1_px, b2_px, film, created_at)
-             VALUES (?, ?, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, ?, ?) ON CONFLICT DO NOTHING",
+             VALUES ($1, $2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, $3, $4) ON CONFLICT DO NOTHING",
         )
         .bind(id)
         .bind(name)
         .bind(definition)
         .bind(now())
-        .execute(&mut *transaction)
-        .await?
-        .rows_affected();
+        .execute(&mut transaction)
+        .await?;
         // what is dropped without a commit leaves nothing
         if inserted == 1 && !refer(&mut transaction, id, templates).await? {
             return Ok(Added::TemplateGone);
@@ -207,10 +210,10 @@ impl Store {
     /// [`StoreError::Database`].
     pub async fn camera(&self, id_or_name: &str) -> Result<Option<NamedCamera>, StoreError> {
         let id = Uuid::try_parse(id_or_name).ok();
-        Ok(sqlx::query_as("SELECT * FROM cameras WHERE id = ? OR name = ?")
+        Ok(query("SELECT * FROM cameras WHERE id = $1 OR name = $2")
             .bind(id)
             .bind(id_or_name)
-            .fetch_optional(&self.pool)
+            .fetch_optional(&self.database)
             .await?)
     }
 
@@ -219,10 +222,10 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn cameras(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<NamedCamera>, StoreError> {
-        Ok(sqlx::query_as("SELECT * FROM cameras WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2")
-            .bind(before)
+        Ok(query("SELECT * FROM cameras WHERE id < $1 ORDER BY id DESC LIMIT $2")
+            .bind(before.unwrap_or(Uuid::max()))
             .bind(limit)
-            .fetch_all(&self.pool)
+            .fetch_all(&self.database)
             .await?)
     }
 
@@ -234,20 +237,20 @@ impl Store {
         let Some(NamedCamera { id, .. }) = self.camera(id_or_name).await? else {
             return Ok(Removed::Missing);
         };
-        let done = sqlx::query("DELETE FROM cameras WHERE id = ?").bind(id).execute(&self.pool).await;
+        let done = query("DELETE FROM cameras WHERE id = $1").bind(id).execute(&self.database).await;
         Removed::of(done)
     }
 }
 
 /// What the camera's name now belongs to.
 async fn added(
-    transaction: &mut Transaction<'_, Sqlite>,
+    transaction: &mut Transaction,
     inserted: u64,
     name: &str,
     kind: &CameraKind,
 ) -> Result<Added, StoreError> {
     let stored: NamedCamera =
-        sqlx::query_as("SELECT * FROM cameras WHERE name = ?").bind(name).fetch_one(&mut **transaction).await?;
+        query("SELECT * FROM cameras WHERE name = $1").bind(name).fetch_one(&mut *transaction).await?;
     Ok(match (inserted, stored.kind == *kind) {
         (1, _) => Added::New(stored),
         (_, true) => Added::Same(stored),
@@ -256,16 +259,12 @@ async fn added(
 }
 
 /// Notes which templates a camera needs; `false` if one is not there.
-async fn refer(
-    transaction: &mut Transaction<'_, Sqlite>,
-    camera: Uuid,
-    templates: &[Uuid],
-) -> Result<bool, StoreError> {
+async fn refer(transaction: &mut Transaction, camera: Uuid, templates: &[Uuid]) -> Result<bool, StoreError> {
     for template in templates {
-        let done = sqlx::query("INSERT INTO camera_mark_templates (camera_id, template_id) VALUES (?, ?)")
+        let done = query("INSERT INTO camera_mark_templates (camera_id, template_id) VALUES ($1, $2)")
             .bind(camera)
             .bind(template)
-            .execute(&mut **transaction)
+            .execute(&mut *transaction)
             .await;
         match done {
             Ok(_) => {}

@@ -1,10 +1,11 @@
 //! Trained classifiers as texts, and which of them decides.
 
 use chrono::{DateTime, Utc};
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
 use uuid::Uuid;
 
-use super::{Store, StoreError, now};
+use super::{Store, StoreError, count_of, now};
+use crate::database::{Transaction, query};
 
 /// How far a classifier is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,18 +127,18 @@ impl Store {
     pub async fn queue_classifier(&self, id: Uuid, name: &str, plan: &str) -> Result<bool, StoreError> {
         let mut transaction = self.begin_write().await?;
         forget_failed(&mut transaction, name).await?;
-        let done = sqlx::query(
-            "INSERT INTO classifiers (id, name, status, plan, created_at) VALUES (?, ?, 'queued', ?, ?)
+        let done = query(
+            "INSERT INTO classifiers (id, name, status, plan, created_at) VALUES ($1, $2, 'queued', $3, $4)
              ON CONFLICT DO NOTHING",
         )
         .bind(id)
         .bind(name)
         .bind(plan)
         .bind(now())
-        .execute(&mut *transaction)
+        .execute(&mut transaction)
         .await?;
         transaction.commit().await?;
-        Ok(done.rows_affected() == 1)
+        Ok(done == 1)
     }
 
     /// Adds a classifier that was trained elsewhere; `false` if the name is taken. It takes the place of a failed one.
@@ -154,10 +155,10 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let mut transaction = self.begin_write().await?;
         forget_failed(&mut transaction, name).await?;
-        let done = sqlx::query(
+        let done = query(
             "INSERT INTO classifiers
              (id, name, status, progress, plan, sha256, model, scaling, description, created_at, finished_at)
-             VALUES (?, ?, 'ready', 1, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+             VALUES ($1, $2, 'ready', 1, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT DO NOTHING",
         )
         .bind(id)
         .bind(name)
@@ -168,10 +169,10 @@ impl Store {
         .bind(&texts.description)
         .bind(now())
         .bind(now())
-        .execute(&mut *transaction)
+        .execute(&mut transaction)
         .await?;
         transaction.commit().await?;
-        Ok(done.rows_affected() == 1)
+        Ok(done == 1)
     }
 
     /// The classifiers, the newest first; `texts` of them are left out.
@@ -179,13 +180,14 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn classifiers(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<StoredClassifier>, StoreError> {
-        let rows: Vec<Row> = sqlx::query_as(
-            "SELECT id, name, status, progress, plan, sha256, NULL AS model, NULL AS scaling, NULL AS description, error,
-             created_at, finished_at FROM classifiers WHERE id < ? ORDER BY id DESC LIMIT ?",
+        let rows: Vec<Row> = query(
+            "SELECT id, name, status, progress, plan, sha256, CAST(NULL AS TEXT) AS model, CAST(NULL AS TEXT) AS scaling,
+             CAST(NULL AS TEXT) AS description, error,
+             created_at, finished_at FROM classifiers WHERE id < $1 ORDER BY id DESC LIMIT $2",
         )
         .bind(before.unwrap_or(Uuid::max()))
         .bind(limit)
-        .fetch_all(&self.pool)
+        .fetch_all(&self.database)
         .await?;
         rows.into_iter().map(StoredClassifier::try_from).collect()
     }
@@ -196,7 +198,7 @@ impl Store {
     /// [`StoreError`].
     pub async fn classifier(&self, id: Uuid) -> Result<Option<StoredClassifier>, StoreError> {
         let row: Option<Row> =
-            sqlx::query_as("SELECT * FROM classifiers WHERE id = ?").bind(id).fetch_optional(&self.pool).await?;
+            query("SELECT * FROM classifiers WHERE id = $1").bind(id).fetch_optional(&self.database).await?;
         row.map(StoredClassifier::try_from).transpose()
     }
 
@@ -205,12 +207,12 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn begin_training(&self) -> Result<Option<StoredClassifier>, StoreError> {
-        let row: Option<Row> = sqlx::query_as(
+        let row: Option<Row> = query(
             "UPDATE classifiers SET status = 'training', progress = 0
              WHERE id = (SELECT id FROM classifiers WHERE status IN ('queued', 'training') ORDER BY id LIMIT 1)
              RETURNING *",
         )
-        .fetch_optional(&self.pool)
+        .fetch_optional(&self.database)
         .await?;
         row.map(StoredClassifier::try_from).transpose()
     }
@@ -220,8 +222,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn trainings(&self) -> Result<u32, StoreError> {
-        let count = sqlx::query_scalar("SELECT count(*) FROM classifiers WHERE status IN ('queued', 'training')");
-        Ok(count.fetch_one(&self.pool).await?)
+        let count = query("SELECT count(*) FROM classifiers WHERE status IN ('queued', 'training')");
+        count_of(count.fetch_value(&self.database).await?)
     }
 
     /// Notes how far a training is.
@@ -229,8 +231,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn note_training(&self, id: Uuid, progress: f64) -> Result<(), StoreError> {
-        let query = "UPDATE classifiers SET progress = ? WHERE id = ? AND status = 'training'";
-        sqlx::query(query).bind(progress).bind(id).execute(&self.pool).await?;
+        let sql = "UPDATE classifiers SET progress = $1 WHERE id = $2 AND status = 'training'";
+        query(sql).bind(progress).bind(id).execute(&self.database).await?;
         Ok(())
     }
 
@@ -247,19 +249,19 @@ impl Store {
             Ok((texts, sha256)) => ("ready", Some(texts), Some(sha256.to_vec()), None),
             Err(error) => ("failed", None, None, Some(error)),
         };
-        sqlx::query(
-            "UPDATE classifiers SET status = ?, progress = 1, sha256 = ?, model = ?, scaling = ?, description = ?,
-             error = ?, finished_at = ? WHERE id = ?",
+        query(
+            "UPDATE classifiers SET status = $1, progress = 1, sha256 = $2, model = $3, scaling = $4, description = $5,
+             error = $6, finished_at = $7 WHERE id = $8",
         )
         .bind(status)
         .bind(sha256)
-        .bind(texts.map(|texts| &texts.model))
-        .bind(texts.map(|texts| &texts.scaling))
-        .bind(texts.map(|texts| &texts.description))
+        .bind(texts.map(|texts| texts.model.as_str()))
+        .bind(texts.map(|texts| texts.scaling.as_str()))
+        .bind(texts.map(|texts| texts.description.as_str()))
         .bind(error)
         .bind(now())
         .bind(id)
-        .execute(&self.pool)
+        .execute(&self.database)
         .await?;
         Ok(())
     }
@@ -272,14 +274,14 @@ impl Store {
     pub async fn activate_classifier(&self, id: Option<Uuid>) -> Result<(), StoreError> {
         let mut transaction = self.begin_write().await?;
         let last: Option<Option<Uuid>> =
-            sqlx::query_scalar("SELECT classifier_id FROM classifier_activations ORDER BY number DESC LIMIT 1")
-                .fetch_optional(&mut *transaction)
+            query("SELECT classifier_id FROM classifier_activations ORDER BY number DESC LIMIT 1")
+                .fetch_optional_value(&mut transaction)
                 .await?;
         if last.flatten() != id {
-            sqlx::query("INSERT INTO classifier_activations (classifier_id, activated_at) VALUES (?, ?)")
+            query("INSERT INTO classifier_activations (classifier_id, activated_at) VALUES ($1, $2)")
                 .bind(id)
                 .bind(now())
-                .execute(&mut *transaction)
+                .execute(&mut transaction)
                 .await?;
         }
         transaction.commit().await?;
@@ -291,9 +293,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn roll_classifier_back(&self) -> Result<bool, StoreError> {
-        let query =
-            "DELETE FROM classifier_activations WHERE number = (SELECT max(number) FROM classifier_activations)";
-        Ok(sqlx::query(query).execute(&self.pool).await?.rows_affected() == 1)
+        let sql = "DELETE FROM classifier_activations WHERE number = (SELECT max(number) FROM classifier_activations)";
+        Ok(query(sql).execute(&self.database).await? == 1)
     }
 
     /// The last activations, the newest first; none if the classifier that the program brings along decides from the
@@ -302,14 +303,14 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn activations(&self, limit: u32) -> Result<Vec<Activation>, StoreError> {
-        let query = "SELECT * FROM classifier_activations ORDER BY number DESC LIMIT ?";
-        Ok(sqlx::query_as(query).bind(limit).fetch_all(&self.pool).await?)
+        let sql = "SELECT * FROM classifier_activations ORDER BY number DESC LIMIT $1";
+        Ok(query(sql).bind(limit).fetch_all(&self.database).await?)
     }
 }
 
-async fn forget_failed(transaction: &mut Transaction<'_, Sqlite>, name: &str) -> Result<(), StoreError> {
-    let query = "DELETE FROM classifiers WHERE name = ? AND status = 'failed'";
-    sqlx::query(query).bind(name).execute(&mut **transaction).await?;
+async fn forget_failed(transaction: &mut Transaction, name: &str) -> Result<(), StoreError> {
+    let sql = "DELETE FROM classifiers WHERE name = $1 AND status = 'failed'";
+    query(sql).bind(name).execute(transaction).await?;
     Ok(())
 }
 

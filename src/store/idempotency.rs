@@ -7,6 +7,7 @@ use sqlx::FromRow;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
+use crate::database::query;
 
 /// An answer as it was first given.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,7 +44,7 @@ struct Row {
     resource_id: Uuid,
     abandoned: bool,
     fingerprint: Option<Vec<u8>>,
-    status: Option<u16>,
+    status: Option<i64>,
     content_type: Option<String>,
     location: Option<String>,
     body: Option<Vec<u8>>,
@@ -57,29 +58,29 @@ impl Store {
     pub async fn claim_idempotency(&self, credential: &str, key: &str, kept: Duration) -> Result<Claim, StoreError> {
         let mut transaction = self.begin_write().await?;
         let oldest: DateTime<Utc> = now() - kept;
-        sqlx::query("DELETE FROM idempotency WHERE created_at < ?").bind(oldest).execute(&mut *transaction).await?;
-        let row: Option<Row> = sqlx::query_as("SELECT * FROM idempotency WHERE credential = ? AND key = ?")
+        query("DELETE FROM idempotency WHERE created_at < $1").bind(oldest).execute(&mut transaction).await?;
+        let row: Option<Row> = query("SELECT * FROM idempotency WHERE credential = $1 AND key = $2")
             .bind(credential)
             .bind(key)
-            .fetch_optional(&mut *transaction)
+            .fetch_optional(&mut transaction)
             .await?;
         let claim = match row {
             None => {
                 let resource_id = Uuid::now_v7();
-                sqlx::query("INSERT INTO idempotency (credential, key, resource_id, created_at) VALUES (?, ?, ?, ?)")
+                query("INSERT INTO idempotency (credential, key, resource_id, created_at) VALUES ($1, $2, $3, $4)")
                     .bind(credential)
                     .bind(key)
                     .bind(resource_id)
                     .bind(now())
-                    .execute(&mut *transaction)
+                    .execute(&mut transaction)
                     .await?;
                 Claim::Granted { resource_id }
             }
             Some(Row { abandoned: true, resource_id, .. }) => {
-                sqlx::query("UPDATE idempotency SET abandoned = 0 WHERE credential = ? AND key = ?")
+                query("UPDATE idempotency SET abandoned = FALSE WHERE credential = $1 AND key = $2")
                     .bind(credential)
                     .bind(key)
-                    .execute(&mut *transaction)
+                    .execute(&mut transaction)
                     .await?;
                 Claim::Granted { resource_id }
             }
@@ -88,7 +89,8 @@ impl Store {
                 Claim::Answered(Answer {
                     fingerprint: fingerprint
                         .map_err(|_| StoreError::Unknown { what: "fingerprint of", value: key.to_owned() })?,
-                    status,
+                    status: u16::try_from(status)
+                        .map_err(|_| StoreError::Unknown { what: "status", value: status.to_string() })?,
                     content_type,
                     location,
                     body: body.unwrap_or_default(),
@@ -105,9 +107,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn settle_idempotency(&self, credential: &str, key: &str, answer: &Answer) -> Result<(), StoreError> {
-        sqlx::query(
-            "UPDATE idempotency SET fingerprint = ?, status = ?, content_type = ?, location = ?, body = ?
-             WHERE credential = ? AND key = ?",
+        query(
+            "UPDATE idempotency SET fingerprint = $1, status = $2, content_type = $3, location = $4, body = $5
+             WHERE credential = $6 AND key = $7",
         )
         .bind(answer.fingerprint.as_slice())
         .bind(answer.status)
@@ -116,7 +118,7 @@ impl Store {
         .bind(&answer.body)
         .bind(credential)
         .bind(key)
-        .execute(&self.pool)
+        .execute(&self.database)
         .await?;
         Ok(())
     }
@@ -126,10 +128,10 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn release_idempotency(&self, credential: &str, key: &str) -> Result<(), StoreError> {
-        sqlx::query("UPDATE idempotency SET abandoned = 1 WHERE credential = ? AND key = ? AND status IS NULL")
+        query("UPDATE idempotency SET abandoned = TRUE WHERE credential = $1 AND key = $2 AND status IS NULL")
             .bind(credential)
             .bind(key)
-            .execute(&self.pool)
+            .execute(&self.database)
             .await?;
         Ok(())
     }
@@ -139,7 +141,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn release_all_idempotency(&self) -> Result<(), StoreError> {
-        sqlx::query("UPDATE idempotency SET abandoned = 1 WHERE status IS NULL").execute(&self.pool).await?;
+        query("UPDATE idempotency SET abandoned = TRUE WHERE status IS NULL").execute(&self.database).await?;
         Ok(())
     }
 }

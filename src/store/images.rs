@@ -15,6 +15,7 @@ use tokio::io::AsyncWriteExt as _;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
+use crate::database::query;
 
 pub(super) const FOLDER: &str = "images";
 pub(crate) const INCOMING: &str = "incoming";
@@ -66,7 +67,9 @@ struct Row {
     sha256: Vec<u8>,
     size_bytes: i64,
     format: String,
+    #[sqlx(try_from = "i64")]
     width_px: u32,
+    #[sqlx(try_from = "i64")]
     height_px: u32,
     longitude_deg: Option<f64>,
     latitude_deg: Option<f64>,
@@ -194,9 +197,9 @@ impl Store {
         let size_bytes = i64::try_from(received.size_bytes)
             .map_err(|_| StoreError::Unknown { what: "size", value: received.size_bytes.to_string() })?;
         let mut transaction = self.begin_write().await?;
-        let inserted = sqlx::query(
+        let inserted = query(
             "INSERT INTO images (id, sha256, size_bytes, format, width_px, height_px, longitude_deg, latitude_deg,
-             height_m, created_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+             height_m, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
         )
         .bind(id)
         .bind(received.sha256.as_slice())
@@ -208,12 +211,11 @@ impl Store {
         .bind(header.position.map(|p| p.latitude_deg))
         .bind(header.position.and_then(|p| p.height_m))
         .bind(now())
-        .execute(&mut *transaction)
-        .await?
-        .rows_affected();
-        let row: Row = sqlx::query_as("SELECT * FROM images WHERE sha256 = ?")
+        .execute(&mut transaction)
+        .await?;
+        let row: Row = query("SELECT * FROM images WHERE sha256 = $1")
             .bind(received.sha256.as_slice())
-            .fetch_one(&mut *transaction)
+            .fetch_one(&mut transaction)
             .await?;
         transaction.commit().await?;
         Ok((row.try_into()?, inserted == 1))
@@ -225,7 +227,7 @@ impl Store {
     /// [`StoreError`].
     pub async fn image(&self, id: Uuid) -> Result<Option<Image>, StoreError> {
         let row: Option<Row> =
-            sqlx::query_as("SELECT * FROM images WHERE id = ?").bind(id).fetch_optional(&self.pool).await?;
+            query("SELECT * FROM images WHERE id = $1").bind(id).fetch_optional(&self.database).await?;
         row.map(Image::try_from).transpose()
     }
 
@@ -234,12 +236,11 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn images(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<Image>, StoreError> {
-        let rows: Vec<Row> =
-            sqlx::query_as("SELECT * FROM images WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2")
-                .bind(before)
-                .bind(limit)
-                .fetch_all(&self.pool)
-                .await?;
+        let rows: Vec<Row> = query("SELECT * FROM images WHERE id < $1 ORDER BY id DESC LIMIT $2")
+            .bind(before.unwrap_or(Uuid::max()))
+            .bind(limit)
+            .fetch_all(&self.database)
+            .await?;
         rows.into_iter().map(Image::try_from).collect()
     }
 
@@ -271,9 +272,10 @@ impl Store {
 
     async fn has_row(&self, path: &Path) -> Result<bool, StoreError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        Ok(sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM images WHERE lower(hex(sha256)) = ?)")
-            .bind(name.as_ref())
-            .fetch_one(&self.pool)
+        let Some(sha256) = from_hexadecimal(&name) else { return Ok(false) };
+        Ok(query("SELECT EXISTS (SELECT 1 FROM images WHERE sha256 = $1)")
+            .bind(sha256)
+            .fetch_value(&self.database)
             .await?)
     }
 }
@@ -285,6 +287,15 @@ pub fn hexadecimal(bytes: &[u8]) -> String {
         let _ = write!(text, "{byte:02x}");
         text
     })
+}
+
+/// The bytes of hexadecimal digits.
+#[must_use]
+pub fn from_hexadecimal(text: &str) -> Option<Vec<u8>> {
+    let digits = text.as_bytes();
+    let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
+    let hexadecimal = digits.iter().all(u8::is_ascii_hexdigit) && digits.len().is_multiple_of(2);
+    hexadecimal.then(|| digits.chunks(2).map(byte).collect()).flatten()
 }
 
 fn is_unlocked(path: &Path) -> bool {

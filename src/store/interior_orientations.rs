@@ -1,10 +1,11 @@
 //! Interior orientations of scanned film. They are worked out at once, so that each has its result.
 
 use chrono::{DateTime, Utc};
-use sqlx::{FromRow, QueryBuilder, Sqlite};
+use sqlx::FromRow;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
+use crate::database::query;
 
 /// What came out of a scan. Requests and results are JSON that this room does not look into.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -66,9 +67,9 @@ impl Store {
         new: &NewInteriorOrientation,
     ) -> Result<InteriorOrientation, StoreError> {
         let mut transaction = self.begin_write().await?;
-        sqlx::query(
+        query(
             "INSERT INTO interior_orientations (id, image_id, camera_id, prepared, verdict, result, created_at)
-             VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO NOTHING",
+             VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (id) DO NOTHING",
         )
         .bind(new.id)
         .bind(new.image_id)
@@ -77,12 +78,10 @@ impl Store {
         .bind(&new.verdict)
         .bind(&new.result)
         .bind(now())
-        .execute(&mut *transaction)
+        .execute(&mut transaction)
         .await?;
-        let kept = sqlx::query_as("SELECT * FROM interior_orientations WHERE id = ?")
-            .bind(new.id)
-            .fetch_one(&mut *transaction)
-            .await?;
+        let kept =
+            query("SELECT * FROM interior_orientations WHERE id = $1").bind(new.id).fetch_one(&mut transaction).await?;
         transaction.commit().await?;
         Ok(kept)
     }
@@ -92,8 +91,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn interior_orientation(&self, id: Uuid) -> Result<Option<InteriorOrientation>, StoreError> {
-        let query = "SELECT * FROM interior_orientations WHERE id = ?";
-        Ok(sqlx::query_as(query).bind(id).fetch_optional(&self.pool).await?)
+        let sql = "SELECT * FROM interior_orientations WHERE id = $1";
+        Ok(query(sql).bind(id).fetch_optional(&self.database).await?)
     }
 
     /// At most `limit` interior orientations, the newest first, without their results.
@@ -105,26 +104,22 @@ impl Store {
         filter: &Filter,
         limit: u32,
     ) -> Result<Vec<InteriorOrientation>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new(
-            "SELECT id, image_id, camera_id, prepared, verdict, NULL AS result, created_at
+        let camera_id = match &filter.camera {
+            // no camera has the id that is none
+            Some(camera) => Some(self.camera(camera).await?.map_or(Uuid::nil(), |camera| camera.id)),
+            None => None,
+        };
+        let rows = query(
+            "SELECT id, image_id, camera_id, prepared, verdict, CAST(NULL AS TEXT) AS result, created_at
              FROM interior_orientations WHERE TRUE",
-        );
-        if let Some(image_id) = filter.image_id {
-            query.push(" AND image_id = ").push_bind(image_id);
-        }
-        if let Some(camera) = &filter.camera {
-            let id = Uuid::try_parse(camera).ok();
-            query.push(" AND camera_id IN (SELECT id FROM cameras WHERE id = ").push_bind(id);
-            query.push(" OR name = ").push_bind(camera).push(")");
-        }
-        if let Some(verdict) = &filter.verdict {
-            query.push(" AND verdict = ").push_bind(verdict);
-        }
-        if let Some(before) = filter.before {
-            query.push(" AND id < ").push_bind(before);
-        }
-        query.push(" ORDER BY id DESC LIMIT ").push_bind(limit);
-        Ok(query.build_query_as().fetch_all(&self.pool).await?)
+        )
+        .and("image_id = ?", filter.image_id)
+        .and("camera_id = ?", camera_id)
+        .and("verdict = ?", filter.verdict.as_deref())
+        .and("id < ?", filter.before)
+        .then(" ORDER BY id DESC LIMIT ?")
+        .bind(limit);
+        Ok(rows.fetch_all(&self.database).await?)
     }
 
     /// Removes an interior orientation; `false` if there is none.
@@ -132,8 +127,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn remove_interior_orientation(&self, id: Uuid) -> Result<bool, StoreError> {
-        let done = sqlx::query("DELETE FROM interior_orientations WHERE id = ?").bind(id).execute(&self.pool).await?;
-        Ok(done.rows_affected() == 1)
+        let done = query("DELETE FROM interior_orientations WHERE id = $1").bind(id).execute(&self.database).await?;
+        Ok(done == 1)
     }
 }
 

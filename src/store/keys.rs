@@ -12,6 +12,7 @@ use subtle::ConstantTimeEq as _;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
+use crate::database::query;
 
 /// What a caller may do; each role may do all that the one before it may.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -116,13 +117,13 @@ impl Store {
     /// [`StoreError::Database`], also if the same key is there already.
     pub async fn add_key(&self, secret: &str, name: &str, role: Role) -> Result<Key, StoreError> {
         let key = Key { id: Uuid::now_v7(), name: name.to_owned(), role, created_at: now(), revoked_at: None };
-        sqlx::query("INSERT INTO keys (id, name, role, sha256, created_at) VALUES (?, ?, ?, ?, ?)")
+        query("INSERT INTO keys (id, name, role, sha256, created_at) VALUES ($1, $2, $3, $4, $5)")
             .bind(key.id)
             .bind(&key.name)
             .bind(role.name())
             .bind(digest(secret).as_slice())
             .bind(key.created_at)
-            .execute(&self.pool)
+            .execute(&self.database)
             .await?;
         Ok(key)
     }
@@ -133,9 +134,9 @@ impl Store {
     /// [`StoreError`].
     pub async fn key(&self, secret: &str) -> Result<Option<Key>, StoreError> {
         let sha256 = digest(secret);
-        let row: Option<Row> = sqlx::query_as("SELECT * FROM keys WHERE sha256 = ? AND revoked_at IS NULL")
+        let row: Option<Row> = query("SELECT * FROM keys WHERE sha256 = $1 AND revoked_at IS NULL")
             .bind(sha256.as_slice())
-            .fetch_optional(&self.pool)
+            .fetch_optional(&self.database)
             .await?;
         row.filter(|row| bool::from(row.sha256.ct_eq(&sha256))).map(Key::try_from).transpose()
     }
@@ -145,7 +146,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn any_key(&self) -> Result<bool, StoreError> {
-        Ok(sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM keys)").fetch_one(&self.pool).await?)
+        Ok(query("SELECT EXISTS (SELECT 1 FROM keys)").fetch_value(&self.database).await?)
     }
 
     /// All keys, the newest first.
@@ -153,7 +154,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn keys(&self) -> Result<Vec<Key>, StoreError> {
-        let rows: Vec<Row> = sqlx::query_as("SELECT * FROM keys ORDER BY id DESC").fetch_all(&self.pool).await?;
+        let rows: Vec<Row> = query("SELECT * FROM keys ORDER BY id DESC").fetch_all(&self.database).await?;
         rows.into_iter().map(Key::try_from).collect()
     }
 
@@ -162,11 +163,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn revoke_key(&self, id: Uuid) -> Result<bool, StoreError> {
-        let done = sqlx::query("UPDATE keys SET revoked_at = ? WHERE id = ? AND revoked_at IS NULL")
+        let done = query("UPDATE keys SET revoked_at = $1 WHERE id = $2 AND revoked_at IS NULL")
             .bind(now())
             .bind(id)
-            .execute(&self.pool)
+            .execute(&self.database)
             .await?;
-        Ok(done.rows_affected() == 1)
+        Ok(done == 1)
     }
 }

@@ -2,12 +2,11 @@
 
 use chrono::{DateTime, Utc};
 use sqlx::FromRow;
-use sqlx::sqlite::SqliteRow;
-use sqlx::types::Json;
 use uuid::Uuid;
 
 use super::cameras::Removed;
 use super::{Store, StoreError, now};
+use crate::database::query;
 
 /// A template, without its picture.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,25 +54,29 @@ const COLUMNS: &str = "id, name, width_px, height_px, pixel_size_um, centre_x_px
 struct Row {
     id: Uuid,
     name: String,
+    #[sqlx(try_from = "i64")]
     width_px: u32,
+    #[sqlx(try_from = "i64")]
     height_px: u32,
     pixel_size_um: f64,
     centre_x_px: f64,
     centre_y_px: f64,
-    dont_care: Json<Vec<[u32; 4]>>,
+    dont_care: String,
     negative: bool,
     created_at: DateTime<Utc>,
 }
 
-impl FromRow<'_, SqliteRow> for MarkTemplate {
-    fn from_row(row: &SqliteRow) -> Result<Self, sqlx::Error> {
-        let row = Row::from_row(row)?;
+impl TryFrom<Row> for MarkTemplate {
+    type Error = StoreError;
+
+    fn try_from(row: Row) -> Result<Self, StoreError> {
+        let dont_care = serde_json::from_str(&row.dont_care);
         let content = TemplateContent {
             name: row.name,
             size_px: [row.width_px, row.height_px],
             pixel_size_um: row.pixel_size_um,
             centre_px: [row.centre_x_px, row.centre_y_px],
-            dont_care: row.dont_care.0,
+            dont_care: dont_care.map_err(|_| StoreError::Unknown { what: "rectangles", value: row.dont_care })?,
             negative: row.negative,
         };
         Ok(Self { id: row.id, content, created_at: row.created_at })
@@ -97,9 +100,9 @@ impl Store {
     ) -> Result<TemplateAdded, StoreError> {
         let grey = bytes(grey);
         let mut transaction = self.begin_write().await?;
-        let inserted = sqlx::query(
+        let inserted = query(
             "INSERT INTO mark_templates (id, name, width_px, height_px, grey, pixel_size_um, centre_x_px, centre_y_px,
-             dont_care, negative, created_at) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+             dont_care, negative, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11) ON CONFLICT DO NOTHING",
         )
         .bind(id)
         .bind(&content.name)
@@ -109,21 +112,20 @@ impl Store {
         .bind(content.pixel_size_um)
         .bind(content.centre_px[0])
         .bind(content.centre_px[1])
-        .bind(Json(&content.dont_care))
+        .bind(serde_json::json!(content.dont_care).to_string())
         .bind(content.negative)
         .bind(now())
-        .execute(&mut *transaction)
-        .await?
-        .rows_affected();
-        let stored: MarkTemplate =
-            sqlx::query_as(sqlx::AssertSqlSafe(format!("SELECT {COLUMNS} FROM mark_templates WHERE name = ?")))
-                .bind(&content.name)
-                .fetch_one(&mut *transaction)
-                .await?;
-        let same_grey: bool = sqlx::query_scalar("SELECT grey = ? FROM mark_templates WHERE id = ?")
+        .execute(&mut transaction)
+        .await?;
+        let stored: Row = query(sqlx::AssertSqlSafe(format!("SELECT {COLUMNS} FROM mark_templates WHERE name = $1")))
+            .bind(&content.name)
+            .fetch_one(&mut transaction)
+            .await?;
+        let stored = MarkTemplate::try_from(stored)?;
+        let same_grey: bool = query("SELECT grey = $1 FROM mark_templates WHERE id = $2")
             .bind(&grey)
             .bind(stored.id)
-            .fetch_one(&mut *transaction)
+            .fetch_value(&mut transaction)
             .await?;
         transaction.commit().await?;
         Ok(match (inserted, same_grey && stored.content == *content) {
@@ -138,12 +140,13 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn mark_template(&self, id_or_name: &str) -> Result<Option<MarkTemplate>, StoreError> {
-        let sql = format!("SELECT {COLUMNS} FROM mark_templates WHERE id = ? OR name = ?");
-        Ok(sqlx::query_as(sqlx::AssertSqlSafe(sql))
+        let sql = format!("SELECT {COLUMNS} FROM mark_templates WHERE id = $1 OR name = $2");
+        let row: Option<Row> = query(sqlx::AssertSqlSafe(sql))
             .bind(Uuid::try_parse(id_or_name).ok())
             .bind(id_or_name)
-            .fetch_optional(&self.pool)
-            .await?)
+            .fetch_optional(&self.database)
+            .await?;
+        row.map(MarkTemplate::try_from).transpose()
     }
 
     /// The grey values of a template, row by row, from 0 for black to 65 535 for white.
@@ -151,9 +154,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn mark_template_grey(&self, id: Uuid) -> Result<Option<Vec<u16>>, StoreError> {
-        let bytes: Option<Vec<u8>> = sqlx::query_scalar("SELECT grey FROM mark_templates WHERE id = ?")
+        let bytes: Option<Vec<u8>> = query("SELECT grey FROM mark_templates WHERE id = $1")
             .bind(id)
-            .fetch_optional(&self.pool)
+            .fetch_optional_value(&self.database)
             .await?;
         Ok(bytes.map(|bytes| bytes.as_chunks::<2>().0.iter().map(|two| u16::from_le_bytes(*two)).collect()))
     }
@@ -163,8 +166,13 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn mark_templates(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<MarkTemplate>, StoreError> {
-        let sql = format!("SELECT {COLUMNS} FROM mark_templates WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2");
-        Ok(sqlx::query_as(sqlx::AssertSqlSafe(sql)).bind(before).bind(limit).fetch_all(&self.pool).await?)
+        let sql = format!("SELECT {COLUMNS} FROM mark_templates WHERE id < $1 ORDER BY id DESC LIMIT $2");
+        let rows: Vec<Row> = query(sqlx::AssertSqlSafe(sql))
+            .bind(before.unwrap_or(Uuid::max()))
+            .bind(limit)
+            .fetch_all(&self.database)
+            .await?;
+        rows.into_iter().map(MarkTemplate::try_from).collect()
     }
 
     /// Removes the template with this id or name, unless a camera needs it.
@@ -175,7 +183,7 @@ impl Store {
         let Some(MarkTemplate { id, .. }) = self.mark_template(id_or_name).await? else {
             return Ok(Removed::Missing);
         };
-        let done = sqlx::query("DELETE FROM mark_templates WHERE id = ?").bind(id).execute(&self.pool).await;
+        let done = query("DELETE FROM mark_templates WHERE id = $1").bind(id).execute(&self.database).await;
         Removed::of(done)
     }
 }

@@ -18,12 +18,10 @@ pub mod sightings;
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use chrono::{DateTime, SubsecRound, Utc};
-use sqlx::migrate::{MigrateError, Migrator};
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Connection as _, Sqlite, SqlitePool, Transaction};
+
+use crate::database::{Database, OpenError, Transaction, query};
 
 /// Why the store could not do what was asked.
 #[derive(Debug, thiserror::Error)]
@@ -46,23 +44,9 @@ pub enum StoreError {
         #[from]
         source: sqlx::Error,
     },
-    /// The tables could not be brought up to date.
-    #[error("migration of the database: {source}")]
-    Migration {
-        /// The cause.
-        #[from]
-        source: MigrateError,
-    },
-    /// The database does not keep what it has acknowledged.
-    #[error("the database runs with {pragma} = {value}, which would lose acknowledged data; it must be {wanted}")]
-    NotDurable {
-        /// The setting.
-        pragma: &'static str,
-        /// As found.
-        value: String,
-        /// As needed.
-        wanted: &'static str,
-    },
+    /// The database cannot be used as it is.
+    #[error(transparent)]
+    Open(#[from] OpenError),
     /// Another service works with this data folder.
     #[error("{} is in use by another gable service; end it, or give this one a folder of its own", folder.display())]
     InUse {
@@ -82,7 +66,7 @@ pub enum StoreError {
 /// The data folder, opened. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Store {
-    pool: SqlitePool,
+    database: Database,
     folder: PathBuf,
 }
 
@@ -94,8 +78,6 @@ pub struct FolderLock {
 
 /// The folder of labelled sets that were uploaded to train from, until that is done.
 pub const TRAINING: &str = "training";
-const CONNECTIONS: u32 = 8;
-const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
 
 impl Store {
     /// Opens the data folder, makes what is missing, and brings the tables up to date.
@@ -112,24 +94,8 @@ impl Store {
                 source,
             })?;
         }
-        let options = SqliteConnectOptions::new()
-            .filename(folder.join("gable.db"))
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .foreign_keys(true)
-            .busy_timeout(BUSY_TIMEOUT);
-        // When the disk is full SQLite ends a transaction by itself; sqlx does not notice, and could never begin another
-        // one on that connection.
-        let pool = SqlitePoolOptions::new()
-            .max_connections(CONNECTIONS)
-            .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
-            .connect_with(options)
-            .await?;
-        let store = Self { pool, folder: folder.to_owned() };
-        store.assert_durable().await?;
-        migrations().run(&store.pool).await?;
-        Ok(store)
+        let database = Database::sqlite(&folder.join("gable.db")).await?;
+        Ok(Self { database, folder: folder.to_owned() })
     }
 
     /// Makes this process the one service of the data folder, as long as the lock is kept. Tools that only read and
@@ -148,10 +114,10 @@ impl Store {
         }
     }
 
-    /// The connections, for the tables of other rooms.
+    /// The database, for the tables of other rooms.
     #[must_use]
-    pub fn pool(&self) -> &SqlitePool {
-        &self.pool
+    pub fn database(&self) -> &Database {
+        &self.database
     }
 
     /// The data folder.
@@ -165,8 +131,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Database`] if the lock is not had in time.
-    pub async fn begin_write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        Ok(self.pool.begin_with("BEGIN IMMEDIATE").await?)
+    pub async fn begin_write(&self) -> Result<Transaction, StoreError> {
+        Ok(self.database.begin_alone().await?)
     }
 
     /// Room that is left on the disk of the data folder.
@@ -187,33 +153,19 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`] if it does not.
     pub async fn ping(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT 1 FROM cameras LIMIT 1").fetch_optional(&self.pool).await?;
+        query("SELECT EXISTS (SELECT 1 FROM cameras)").fetch_value::<bool>(&self.database).await?;
         Ok(())
     }
 
     /// Waits for the connections to be given back, and closes them.
     pub async fn close(&self) {
-        self.pool.close().await;
-    }
-
-    async fn assert_durable(&self) -> Result<(), StoreError> {
-        let synchronous: i64 = sqlx::query_scalar("PRAGMA synchronous").fetch_one(&self.pool).await?;
-        let journal: String = sqlx::query_scalar("PRAGMA journal_mode").fetch_one(&self.pool).await?;
-        if synchronous != 2 {
-            return Err(StoreError::NotDurable { pragma: "synchronous", value: synchronous.to_string(), wanted: "2" });
-        }
-        if journal != "wal" {
-            return Err(StoreError::NotDurable { pragma: "journal_mode", value: journal, wanted: "wal" });
-        }
-        Ok(())
+        self.database.close().await;
     }
 }
 
-/// Our migrations are numbered from 1; those of the job queue, in the same table, by date. Each must ignore the other's.
-fn migrations() -> Migrator {
-    let mut migrator = sqlx::migrate!("migrations/sqlite");
-    migrator.set_ignore_missing(true);
-    migrator
+/// What `count(*)` has given.
+pub(crate) fn count_of(count: i64) -> Result<u32, StoreError> {
+    u32::try_from(count).map_err(|_| StoreError::Unknown { what: "count", value: count.to_string() })
 }
 
 /// The present, to the microsecond: what is stored is what is told.

@@ -5,6 +5,7 @@ use sqlx::FromRow;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
+use crate::database::query;
 
 /// The reference orientation of an image. Geocentric: it serves every local frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,15 +68,15 @@ impl Store {
         let mut transaction = self.begin_write().await?;
         let mut stored = StoredReferences::default();
         for reference in references {
-            let there: Option<i64> = sqlx::query_scalar("SELECT 1 FROM reference_orientations WHERE image_id = ?")
+            let there: bool = query("SELECT EXISTS (SELECT 1 FROM reference_orientations WHERE image_id = $1)")
                 .bind(reference.image_id)
-                .fetch_optional(&mut *transaction)
+                .fetch_value(&mut transaction)
                 .await?;
             let rotation: Vec<u8> = reference.camera_from_geocentric.iter().flat_map(|v| v.to_le_bytes()).collect();
             let [x, y, z] = reference.centre_geocentric_m;
-            sqlx::query(
+            query(
                 "INSERT INTO reference_orientations
-                 (image_id, area, centre_x_m, centre_y_m, centre_z_m, rotation, updated_at) VALUES (?, ?, ?, ?, ?, ?, ?)
+                 (image_id, area, centre_x_m, centre_y_m, centre_z_m, rotation, updated_at) VALUES ($1, $2, $3, $4, $5, $6, $7)
                  ON CONFLICT (image_id) DO UPDATE SET area = excluded.area, centre_x_m = excluded.centre_x_m,
                  centre_y_m = excluded.centre_y_m, centre_z_m = excluded.centre_z_m, rotation = excluded.rotation,
                  updated_at = excluded.updated_at",
@@ -87,9 +88,9 @@ impl Store {
             .bind(z)
             .bind(rotation)
             .bind(reference.updated_at)
-            .execute(&mut *transaction)
+            .execute(&mut transaction)
             .await?;
-            if there.is_some() {
+            if there {
                 stored.updated += 1;
             } else {
                 stored.added += 1;
@@ -105,10 +106,10 @@ impl Store {
     /// [`StoreError`].
     pub async fn references(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<ReferenceOrientation>, StoreError> {
         let rows: Vec<Row> =
-            sqlx::query_as("SELECT * FROM reference_orientations WHERE image_id < ? ORDER BY image_id DESC LIMIT ?")
+            query("SELECT * FROM reference_orientations WHERE image_id < $1 ORDER BY image_id DESC LIMIT $2")
                 .bind(before.unwrap_or(Uuid::max()))
                 .bind(limit)
-                .fetch_all(&self.pool)
+                .fetch_all(&self.database)
                 .await?;
         rows.into_iter().map(ReferenceOrientation::try_from).collect()
     }
@@ -118,11 +119,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn remove_reference(&self, image_id: Uuid) -> Result<bool, StoreError> {
-        let done = sqlx::query("DELETE FROM reference_orientations WHERE image_id = ?")
+        let done = query("DELETE FROM reference_orientations WHERE image_id = $1")
             .bind(image_id)
-            .execute(&self.pool)
+            .execute(&self.database)
             .await?;
-        Ok(done.rows_affected() == 1)
+        Ok(done == 1)
     }
 
     /// The orientations that have a record and whose image has a reference, each with its prepared request, record and
@@ -131,14 +132,14 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn referenced_records(&self, after: Uuid, limit: u32) -> Result<Vec<ReferencedRecord>, StoreError> {
-        let rows: Vec<RecordRow> = sqlx::query_as(
+        let rows: Vec<RecordRow> = query(
             "SELECT orientations.id, camera_id, prepared, record, reference_orientations.*
              FROM orientations JOIN reference_orientations USING (image_id)
-             WHERE record IS NOT NULL AND orientations.id > ? ORDER BY orientations.id LIMIT ?",
+             WHERE record IS NOT NULL AND orientations.id > $1 ORDER BY orientations.id LIMIT $2",
         )
         .bind(after)
         .bind(limit)
-        .fetch_all(&self.pool)
+        .fetch_all(&self.database)
         .await?;
         let record = |row: RecordRow| {
             Ok(ReferencedRecord {
@@ -157,8 +158,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn latest_records(&self, limit: u32) -> Result<Vec<String>, StoreError> {
-        let query = "SELECT record FROM orientations WHERE record IS NOT NULL ORDER BY id DESC LIMIT ?";
-        Ok(sqlx::query_scalar(query).bind(limit).fetch_all(&self.pool).await?)
+        let sql = "SELECT record FROM orientations WHERE record IS NOT NULL ORDER BY id DESC LIMIT $1";
+        Ok(query(sql).bind(limit).fetch_values(&self.database).await?)
     }
 }
 
@@ -308,7 +309,7 @@ pub(in crate::store) mod tests {
         let image = bench.image().await;
         bench.store.put_references(&[reference(image, "west", 0.1)]).await.unwrap();
         let damage = "PRAGMA ignore_check_constraints = ON; UPDATE reference_orientations SET rotation = x'00'";
-        sqlx::raw_sql(damage).execute(bench.store.pool()).await.unwrap();
+        sqlx::raw_sql(damage).execute(bench.store.database()).await.unwrap();
         let error = bench.store.references(None, 10).await.unwrap_err().to_string();
         assert!(error.contains("rotation of a reference") && error.contains(&image.to_string()), "{error}");
     }

@@ -1,10 +1,11 @@
 //! What became of the control points that accepted images should show.
 
 use chrono::{DateTime, Utc};
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
 use uuid::Uuid;
 
 use super::{Store, StoreError};
+use crate::database::{Transaction, query};
 
 /// What an accepted image says of a control point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,10 +32,13 @@ impl Sighting {
 #[derive(Debug, Clone, PartialEq, FromRow)]
 pub struct SightingCounts {
     /// Images in which it was found.
+    #[sqlx(try_from = "i64")]
     pub found: u32,
     /// Images in which it was not.
+    #[sqlx(try_from = "i64")]
     pub missed: u32,
     /// Images in which it contradicts the others.
+    #[sqlx(try_from = "i64")]
     pub contradicts: u32,
     /// When it was last found.
     pub last_found_at: Option<DateTime<Utc>>,
@@ -44,28 +48,25 @@ pub struct SightingCounts {
 
 /// Notes the sightings of an accepted image.
 pub(super) async fn note(
-    transaction: &mut Transaction<'_, Sqlite>,
+    transaction: &mut Transaction,
     orientation_id: Uuid,
     seen_at: DateTime<Utc>,
     sightings: &[(String, Sighting)],
 ) -> Result<(), StoreError> {
     for (control_point, sighting) in sightings {
-        sqlx::query(
+        query(
             "INSERT INTO sightings (control_point, orientation_id, image_id, outcome, seen_at)
-             SELECT ?, id, image_id, ?, ? FROM orientations WHERE id = ? ON CONFLICT DO NOTHING",
+             SELECT $1, id, image_id, $2, $3 FROM orientations WHERE id = $4 ON CONFLICT DO NOTHING",
         )
         .bind(control_point)
         .bind(sighting.name())
         .bind(seen_at)
         .bind(orientation_id)
-        .execute(&mut **transaction)
+        .execute(&mut *transaction)
         .await?;
     }
     Ok(())
 }
-
-/// Of several orientations of one image only the last.
-const LAST_OF_EACH_IMAGE: &str = "SELECT control_point, outcome, max(seen_at) AS seen_at FROM sightings";
 
 impl Store {
     /// What accepted images say of a control point.
@@ -73,15 +74,18 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn sightings(&self, control_point: &str) -> Result<SightingCounts, StoreError> {
-        let query = format!(
+        // of several orientations of one image only the last
+        let counts = query(
             "SELECT count(*) FILTER (WHERE outcome = 'found') AS found,
              count(*) FILTER (WHERE outcome = 'missed') AS missed,
              count(*) FILTER (WHERE outcome = 'contradicts') AS contradicts,
              max(seen_at) FILTER (WHERE outcome = 'found') AS last_found_at,
              max(seen_at) FILTER (WHERE outcome <> 'found') AS last_failed_at
-             FROM ({LAST_OF_EACH_IMAGE} WHERE control_point = ? GROUP BY image_id)"
+             FROM (SELECT outcome, seen_at,
+                       row_number() OVER (PARTITION BY image_id ORDER BY seen_at DESC, orientation_id DESC) AS place
+                   FROM sightings WHERE control_point = $1) AS told WHERE place = 1",
         );
-        Ok(sqlx::query_as(sqlx::AssertSqlSafe(query)).bind(control_point).fetch_one(&self.pool).await?)
+        Ok(counts.bind(control_point).fetch_one(&self.database).await?)
     }
 
     /// The share of the latest sightings in which a control point was found where it is expected; `None` without any.
@@ -89,9 +93,12 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn found_share(&self) -> Result<Option<f64>, StoreError> {
-        let query = "SELECT avg(found) FROM
-             (SELECT outcome = 'found' AS found FROM sightings ORDER BY orientation_id DESC LIMIT 10000)";
-        Ok(sqlx::query_scalar(query).fetch_one(&self.pool).await?)
+        let share = query(
+            "SELECT CAST(avg(found) AS DOUBLE PRECISION) FROM
+             (SELECT CASE WHEN outcome = 'found' THEN 1.0 ELSE 0.0 END AS found
+              FROM sightings ORDER BY orientation_id DESC LIMIT 10000) AS latest",
+        );
+        Ok(share.fetch_value(&self.database).await?)
     }
 }
 

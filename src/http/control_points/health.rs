@@ -5,7 +5,7 @@ use chrono::{DateTime, Utc};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::control::sqlite;
+use crate::control::points;
 use crate::http::extract::Path;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
@@ -62,7 +62,7 @@ pub(super) async fn health(
     State(state): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<axum::Json<HealthAnswer>, Problem> {
-    if sqlite::by_name(state.store.pool(), &name).await?.is_none() {
+    if points::by_name(state.store.database(), &name).await?.is_none() {
         return Err(Problem::not_found("There is no control point of this name."));
     }
     let counts = state.store.sightings(&name).await?;
