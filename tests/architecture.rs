@@ -45,6 +45,7 @@ const ROOMS: &[Room] = &[
     ),
     Room("imagery", &["features"]),
     Room("control", &["geometry", "scenes", "orientation", "pipeline"]),
+    Room("flight", &["geometry"]),
     Room("store", &["geometry"]),
     Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
@@ -82,6 +83,7 @@ const ROOMS: &[Room] = &[
             "classifiers",
             "imagery",
             "control",
+            "flight",
             "store",
             "report",
             "jobs",
