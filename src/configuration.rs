@@ -44,6 +44,18 @@ pub struct Configuration {
     pub log_format: LogFormat,
     /// The largest image that may be uploaded.
     pub upload_max_bytes: u64,
+    /// How long an upload that can be resumed is kept after the last of its bytes.
+    pub upload_kept_s: u64,
+    /// The most bytes of all images together; further ones get 507. 0: as many as there is room for.
+    pub images_max_bytes: u64,
+    /// How long images are kept after their upload, in days; 0 is for ever.
+    pub keep_images_days: u32,
+    /// How long orientations with a green verdict are kept after their end, in days; 0 is for ever.
+    pub keep_orientations_green_days: u32,
+    /// How long those with a yellow verdict are kept.
+    pub keep_orientations_yellow_days: u32,
+    /// How long those with a red verdict are kept, and those that have failed or were cancelled.
+    pub keep_orientations_red_days: u32,
     /// Room that uploads leave on the disk, for the database to go on.
     pub disk_reserve_bytes: u64,
     /// The largest body of any other request but an import of control points or scenes.
@@ -113,6 +125,12 @@ impl Default for Configuration {
             log: String::from("info"),
             log_format: LogFormat::Text,
             upload_max_bytes: 2_000_000_000,
+            upload_kept_s: 24 * 3600,
+            images_max_bytes: 0,
+            keep_images_days: 0,
+            keep_orientations_green_days: 0,
+            keep_orientations_yellow_days: 0,
+            keep_orientations_red_days: 0,
             disk_reserve_bytes: 200_000_000,
             body_max_bytes: 1_000_000,
             import_max_bytes: 100_000_000,
@@ -278,8 +296,9 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 19] = [
+        let positive: [(&'static str, u64); 20] = [
             ("upload_max_bytes", self.upload_max_bytes),
+            ("upload_kept_s", self.upload_kept_s),
             ("body_max_bytes", self.body_max_bytes as u64),
             ("import_max_bytes", self.import_max_bytes as u64),
             ("image_max_side_px", self.image_max_side_px.into()),
@@ -312,6 +331,7 @@ impl Configuration {
             ("shutdown_timeout_s", self.shutdown_timeout_s),
             ("idempotency_kept_s", self.idempotency_kept_s),
             ("wait_max_s", self.wait_max_s),
+            ("upload_kept_s", self.upload_kept_s),
             ("job_timeout_s", self.job_timeout_s),
         ];
         for (key, value) in durations {
@@ -320,6 +340,7 @@ impl Configuration {
             }
         }
         self.check_costs()?;
+        self.check_days()?;
         if self.connections_max > tokio::sync::Semaphore::MAX_PERMITS {
             let value = self.connections_max.to_string();
             return Err(ConfigurationError::OutOfRange { key: "connections_max", value, wanted: "a sensible number" });
@@ -334,6 +355,23 @@ impl Configuration {
     pub fn policy(&self) -> Policy {
         let costs = Costs { cc: self.cost_cc, cw: self.cost_cw, wc: self.cost_wc, ww: self.cost_ww };
         Policy { costs, caution: (self.caution >= 1.0).then_some(self.caution), threshold: self.threshold }
+    }
+
+    fn check_days(&self) -> Result<(), ConfigurationError> {
+        const MOST_DAYS: u32 = 36_600;
+        let days = [
+            ("keep_images_days", self.keep_images_days),
+            ("keep_orientations_green_days", self.keep_orientations_green_days),
+            ("keep_orientations_yellow_days", self.keep_orientations_yellow_days),
+            ("keep_orientations_red_days", self.keep_orientations_red_days),
+        ];
+        match days.into_iter().find(|(_, days)| *days > MOST_DAYS) {
+            Some((key, days)) => {
+                let wanted = "at most 36600, a hundred years; 0 is for ever";
+                Err(ConfigurationError::OutOfRange { key, value: days.to_string(), wanted })
+            }
+            None => Ok(()),
+        }
     }
 
     fn check_costs(&self) -> Result<(), ConfigurationError> {

@@ -7,12 +7,14 @@
 
 pub mod active;
 mod attempt;
+mod blocks;
 pub mod camera_model;
 pub mod drift;
 pub mod film_camera;
 pub mod interior;
 mod queue;
 pub mod request;
+pub mod retention;
 pub mod scenes;
 #[cfg(test)]
 mod tests;

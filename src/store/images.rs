@@ -165,6 +165,11 @@ impl Upload {
 }
 
 impl Received {
+    /// A file of `incoming/` that is whole and synced, under a lock that `file` holds.
+    pub(super) fn of(file: tokio::fs::File, path: PathBuf, sha256: [u8; 32], size_bytes: u64) -> Self {
+        Self { _file: file, temporary: Temporary(path), sha256, size_bytes }
+    }
+
     /// Where the bytes are for now.
     #[must_use]
     pub fn path(&self) -> &Path {
@@ -185,7 +190,8 @@ impl Store {
         Ok(Upload { file: tokio::fs::File::from_std(file), temporary, hash: Sha256::new(), size_bytes: 0 })
     }
 
-    /// Makes an upload visible as `id`, unless the same bytes are there already; whether it is new comes with it.
+    /// Makes an upload visible as `id`, unless the same bytes are there already; whether it is new comes with it. An image
+    /// that was removed comes back under the id that it had.
     ///
     /// # Errors
     /// [`StoreError`]; then nothing is visible.
@@ -197,6 +203,13 @@ impl Store {
         let size_bytes = i64::try_from(received.size_bytes)
             .map_err(|_| StoreError::Unknown { what: "size", value: received.size_bytes.to_string() })?;
         let mut transaction = self.begin_write().await?;
+        // a removal of these bytes may just have taken the file away, see `remove_image`
+        tokio::fs::metadata(&kept).await.map_err(|source| file_error("cannot find again", &kept, source))?;
+        let revived = query("UPDATE images SET deleted_at = NULL, created_at = $1 WHERE sha256 = $2 AND deleted_at IS NOT NULL")
+            .bind(now())
+            .bind(received.sha256.as_slice())
+            .execute(&mut transaction)
+            .await?;
         let inserted = query(
             "INSERT INTO images (id, sha256, size_bytes, format, width_px, height_px, longitude_deg, latitude_deg,
              height_m, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
@@ -218,7 +231,7 @@ impl Store {
             .fetch_one(&mut transaction)
             .await?;
         transaction.commit().await?;
-        Ok((row.try_into()?, inserted == 1))
+        Ok((row.try_into()?, inserted + revived == 1))
     }
 
     /// The image with this id.
@@ -227,7 +240,7 @@ impl Store {
     /// [`StoreError`].
     pub async fn image(&self, id: Uuid) -> Result<Option<Image>, StoreError> {
         let row: Option<Row> =
-            query("SELECT * FROM images WHERE id = $1").bind(id).fetch_optional(&self.database).await?;
+            query("SELECT * FROM images WHERE id = $1 AND deleted_at IS NULL").bind(id).fetch_optional(&self.database).await?;
         row.map(Image::try_from).transpose()
     }
 
@@ -236,7 +249,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn images(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<Image>, StoreError> {
-        let rows: Vec<Row> = query("SELECT * FROM images WHERE id < $1 ORDER BY id DESC LIMIT $2")
+        let rows: Vec<Row> = query("SELECT * FROM images WHERE id < $1 AND deleted_at IS NULL ORDER BY id DESC LIMIT $2")
             .bind(before.unwrap_or(Uuid::max()))
             .bind(limit)
             .fetch_all(&self.database)
@@ -257,7 +270,8 @@ impl Store {
     pub async fn sweep_uploads(&self) -> Result<usize, StoreError> {
         let mut removed = 0;
         for path in files_of(&self.folder.join(INCOMING))? {
-            removed += usize::from(is_unlocked(&path) && fs::remove_file(&path).is_ok());
+            let living = self.is_resumable(&path).await? || !is_unlocked(&path);
+            removed += usize::from(!living && fs::remove_file(&path).is_ok());
         }
         for path in files_of(&self.folder.join(FOLDER))? {
             let old = fs::metadata(&path)
@@ -273,7 +287,7 @@ impl Store {
     async fn has_row(&self, path: &Path) -> Result<bool, StoreError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let Some(sha256) = from_hexadecimal(&name) else { return Ok(false) };
-        Ok(query("SELECT EXISTS (SELECT 1 FROM images WHERE sha256 = $1)")
+        Ok(query("SELECT EXISTS (SELECT 1 FROM images WHERE sha256 = $1 AND deleted_at IS NULL)")
             .bind(sha256)
             .fetch_value(&self.database)
             .await?)
@@ -307,11 +321,11 @@ fn files_of(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     listed.map_err(|source| file_error("cannot list", folder, source))
 }
 
-async fn sync_folder(folder: &Path) -> Result<(), StoreError> {
+pub(super) async fn sync_folder(folder: &Path) -> Result<(), StoreError> {
     let synced = async { tokio::fs::File::open(folder).await?.sync_all().await };
     synced.await.map_err(|source| file_error("cannot sync", folder, source))
 }
 
-fn file_error(action: &'static str, path: &Path, source: std::io::Error) -> StoreError {
+pub(super) fn file_error(action: &'static str, path: &Path, source: std::io::Error) -> StoreError {
     StoreError::File { action, path: path.to_owned(), source }
 }

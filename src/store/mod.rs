@@ -5,6 +5,7 @@
 //! their SHA-256; `incoming/` the uploads under way. Other rooms keep their own tables in the same database through
 //! [`Store::pool`].
 
+pub mod blocks;
 pub mod cameras;
 pub mod classifiers;
 pub mod idempotency;
@@ -14,7 +15,9 @@ pub mod keys;
 pub mod mark_templates;
 pub mod orientations;
 pub mod references;
+pub mod removal;
 pub mod sightings;
+pub mod uploads;
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
