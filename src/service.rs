@@ -102,7 +102,10 @@ impl Service {
     pub async fn run(self, stop: CancellationToken) {
         let (jobs, stop_jobs) = (self.state.jobs.clone(), stop.clone());
         let working = tokio::spawn(async move { jobs.run(stop_jobs).await });
+        let state = self.state.clone();
+        let sweeping = tokio::spawn(async move { state.keep_sweeping().await });
         http::serve::serve(self.listener, self.app, &self.state, stop).await;
+        sweeping.abort();
         if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
             tracing::warn!("orientations under way do not end; they are taken up at the next start");
         }

@@ -234,6 +234,21 @@ pub async fn by_name(database: &Database, name: &str) -> Result<Option<StoredCon
     row.map(|row| Ok(row.with_id()?.1)).transpose()
 }
 
+/// Removes the control point of a name; `false` if there is none.
+///
+/// # Errors
+/// [`ControlError`] if the database fails.
+pub async fn remove(database: &Database, name: &str) -> Result<bool, ControlError> {
+    let mut transaction = database.begin().await?;
+    let removed = query("DELETE FROM control_points WHERE name = $1 RETURNING id").bind(name);
+    let id: Option<i64> = removed.fetch_optional_value(&mut transaction).await?;
+    if let (Some(id), Transaction::Sqlite(_)) = (id, &transaction) {
+        query("DELETE FROM control_point_boxes WHERE id = $1").bind(id).execute(&mut transaction).await?;
+    }
+    transaction.commit().await?;
+    Ok(id.is_some())
+}
+
 /// How many control points there are.
 ///
 /// # Errors

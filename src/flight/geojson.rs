@@ -89,6 +89,8 @@ fn text(properties: &Value, name: &str) -> Result<Option<String>, Fault> {
 fn finite(properties: &Value, name: &str) -> Result<Option<f64>, Fault> {
     match &properties[name] {
         Value::Null => Ok(None),
-        value => value.as_f64().map(Some).ok_or_else(|| (format!("/properties/{name}"), "it must be a number".to_owned())),
+        value => {
+            value.as_f64().map(Some).ok_or_else(|| (format!("/properties/{name}"), "it must be a number".to_owned()))
+        }
     }
 }

@@ -120,12 +120,7 @@ fn contradiction(header: &str, source: &Source) -> Option<String> {
     }
 }
 
-fn listed(
-    line: usize,
-    record: &csv::StringRecord,
-    columns: &[Column],
-    source: &Source,
-) -> Result<Listed, String> {
+fn listed(line: usize, record: &csv::StringRecord, columns: &[Column], source: &Source) -> Result<Listed, String> {
     if record.len() != columns.len() {
         return Err(format!("it has {} fields; the header has {}", record.len(), columns.len()));
     }

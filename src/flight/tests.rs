@@ -51,7 +51,9 @@ fn angles_about_the_axes_of_the_grid_become_those_of_the_local_frame() {
     // the meridian of EPSG:25832 is 9 degrees east: here, at 7.09, grid north is about 1.5 degrees west of north
     let kappa_deg = image.kappa_deg.unwrap();
     assert!((kappa_deg - 70.0).abs() > 1.0 && (kappa_deg - 70.0).abs() < 2.0, "{kappa_deg}");
-    let gon = text.replace("omega,phi,kappa", "omega_gon,phi_gon,kappa_gon").replace("1,-2,70", "1.1111111,-2.2222222,77.7777778");
+    let gon = text
+        .replace("omega,phi,kappa", "omega_gon,phi_gon,kappa_gon")
+        .replace("1,-2,70", "1.1111111,-2.2222222,77.7777778");
     let same = table(&gon).unwrap().images.remove(0);
     assert!((same.kappa_deg.unwrap() - kappa_deg).abs() < 1e-6);
     assert!((same.omega_deg.unwrap() - image.omega_deg.unwrap()).abs() < 1e-6);
@@ -63,7 +65,8 @@ fn angles_about_the_axes_of_the_grid_become_those_of_the_local_frame() {
 #[test]
 fn bad_tables_are_refused_line_by_line() {
     let header = "name,x,y,z\n";
-    let bad = format!("{header}a,365000,5621000,nan\nb,365000,5621000,1200\nc,1,2\nd,1e400,5621000,inf\ne,3,5621000,1200\n");
+    let bad =
+        format!("{header}a,365000,5621000,nan\nb,365000,5621000,1200\nc,1,2\nd,1e400,5621000,inf\ne,3,5621000,1200\n");
     assert_eq!(places(table(&bad)), ["line 2", "line 4", "line 5", "line 6"]);
     let twice = format!("{header}a,365000,5621000,1\n\na,365000,5621000,1\n");
     assert!(fault(table(&twice)).contains("line 2"), "{:?}", table(&twice));

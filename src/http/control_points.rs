@@ -24,7 +24,11 @@ use crate::report::Warning;
 pub fn routes() -> OpenApiRouter<AppState> {
     // the import has a limit of its own
     let import = OpenApiRouter::new().routes(routes!(import)).layer(DefaultBodyLimit::disable());
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read)).routes(routes!(health::health)).merge(import)
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(read, remove))
+        .routes(routes!(health::health))
+        .merge(import)
 }
 
 /// Where an import comes from.
@@ -96,7 +100,7 @@ async fn import(
     Ok(axum::Json(ImportAnswer { report, warnings }))
 }
 
-async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {
+pub(super) async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {
     to_bytes(body, max_bytes).await.map_err(|error| {
         let source = std::error::Error::source(&error);
         if source.is_some_and(|source| source.is::<http_body_util::LengthLimitError>()) {
@@ -178,6 +182,25 @@ async fn read(
     let feature =
         feature.ok_or_else(|| Problem::invalid_field("?crs", format!("the control point does not lie in {crs}")));
     Ok(axum::Json(feature?))
+}
+
+/// Remove a control point
+///
+/// Orientations under way may still use it; results keep it.
+#[utoipa::path(
+    delete, path = "/control-points/{name}", operation_id = "remove_control_point", tag = "control points",
+    params(("name" = String, Path, description = "Its name")),
+    responses(
+        (status = 204, description = "Removed"),
+        (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn remove(State(state): State<AppState>, Path(name): Path<String>) -> Result<StatusCode, Problem> {
+    if points::remove(state.store.database(), &name).await? {
+        return Ok(StatusCode::NO_CONTENT);
+    }
+    Err(Problem::not_found("There is no control point of this name."))
 }
 
 impl From<ControlError> for Problem {

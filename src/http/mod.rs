@@ -6,6 +6,7 @@
 
 pub mod access;
 mod area;
+pub mod blocks;
 pub mod cameras;
 pub mod classifiers;
 pub mod control_points;
@@ -27,6 +28,7 @@ pub mod references;
 pub mod request_id;
 pub mod serve;
 pub mod state;
+pub mod uploads;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -48,6 +50,8 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(cameras::routes())
         .merge(mark_templates::routes())
         .merge(images::routes())
+        .merge(uploads::routes())
+        .merge(blocks::routes())
         .merge(control_points::routes())
         .merge(control_scenes::routes())
         .merge(interior_orientations::routes())

@@ -40,6 +40,20 @@ impl PageQuery {
     pub fn wanted(&self) -> Result<Wanted, Problem> {
         Wanted::new(self.limit, self.cursor.as_deref())
     }
+
+    /// How many items are wanted, of a list with cursors of its own.
+    ///
+    /// # Errors
+    /// 422 if there are none or too many.
+    pub fn limit(&self) -> Result<u32, Problem> {
+        Ok(Wanted::new(self.limit, None)?.limit)
+    }
+
+    /// Where the page begins, of a list with cursors of its own.
+    #[must_use]
+    pub fn cursor(&self) -> Option<&str> {
+        self.cursor.as_deref()
+    }
 }
 
 /// Which page is wanted, of a list ordered by falling UUIDv7.

@@ -48,7 +48,8 @@ pub struct Problem {
 /// A field that is at fault.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct FieldError {
-    /// JSON Pointer (RFC 6901) into the body; `?name` for a parameter of the query, a header's name for a header.
+    /// JSON Pointer (RFC 6901) into the body; `?name` for a parameter of the query, a header's name for a header, `line N`
+    /// for a line of a text.
     #[schema(example = "/principal_distance_px")]
     pub pointer: String,
     /// What is wrong with it.
@@ -127,6 +128,33 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, "urn:gable:problem:conflict", "This contradicts what is there", detail)
     }
 
+    /// 410: it was there, and is not any more.
+    #[must_use]
+    pub fn gone(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::GONE, "urn:gable:problem:gone", "It is not there any more", detail)
+    }
+
+    /// 412: the protocol of the request is another one.
+    #[must_use]
+    pub fn unsupported_version(detail: impl Into<String>) -> Self {
+        let title = "The version of the protocol is not supported";
+        Self::new(StatusCode::PRECONDITION_FAILED, "urn:gable:problem:unsupported-version", title, detail)
+    }
+
+    /// 423: somebody else is at it.
+    #[must_use]
+    pub fn locked(detail: impl Into<String>) -> Self {
+        let problem = Self::new(StatusCode::LOCKED, "urn:gable:problem:locked", "Somebody else is at it", detail);
+        problem.with_retry_after(1)
+    }
+
+    /// 460, as tus has it: what has arrived is not what was sent.
+    #[must_use]
+    pub fn checksum_mismatch(detail: impl Into<String>) -> Self {
+        let status = StatusCode::from_u16(460).unwrap_or(StatusCode::BAD_REQUEST);
+        Self::new(status, "urn:gable:problem:checksum-mismatch", "What has arrived is not what was sent", detail)
+    }
+
     /// 413: more than the configuration allows.
     #[must_use]
     pub fn too_large(detail: impl Into<String>) -> Self {
@@ -200,6 +228,17 @@ impl Problem {
         tracing::error!(%cause, "the disk is full");
         let detail = "The service has no room left on its disk.";
         Self::new(StatusCode::INSUFFICIENT_STORAGE, "urn:gable:problem:storage-full", "No room left", detail)
+    }
+
+    /// 507: there are as many images as the configuration allows.
+    #[must_use]
+    pub fn quota_exceeded(max_bytes: u64) -> Self {
+        let detail = format!(
+            "All images together may have {max_bytes} bytes (set by `images_max_bytes`), and this one does not fit any \
+             more; remove images that are not needed."
+        );
+        let title = "No room left";
+        Self::new(StatusCode::INSUFFICIENT_STORAGE, "urn:gable:problem:quota-exceeded", title, detail)
     }
 
     /// Names a field that is at fault.

@@ -205,11 +205,12 @@ impl Store {
         let mut transaction = self.begin_write().await?;
         // a removal of these bytes may just have taken the file away, see `remove_image`
         tokio::fs::metadata(&kept).await.map_err(|source| file_error("cannot find again", &kept, source))?;
-        let revived = query("UPDATE images SET deleted_at = NULL, created_at = $1 WHERE sha256 = $2 AND deleted_at IS NOT NULL")
-            .bind(now())
-            .bind(received.sha256.as_slice())
-            .execute(&mut transaction)
-            .await?;
+        let revived =
+            query("UPDATE images SET deleted_at = NULL, created_at = $1 WHERE sha256 = $2 AND deleted_at IS NOT NULL")
+                .bind(now())
+                .bind(received.sha256.as_slice())
+                .execute(&mut transaction)
+                .await?;
         let inserted = query(
             "INSERT INTO images (id, sha256, size_bytes, format, width_px, height_px, longitude_deg, latitude_deg,
              height_m, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
@@ -239,8 +240,10 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn image(&self, id: Uuid) -> Result<Option<Image>, StoreError> {
-        let row: Option<Row> =
-            query("SELECT * FROM images WHERE id = $1 AND deleted_at IS NULL").bind(id).fetch_optional(&self.database).await?;
+        let row: Option<Row> = query("SELECT * FROM images WHERE id = $1 AND deleted_at IS NULL")
+            .bind(id)
+            .fetch_optional(&self.database)
+            .await?;
         row.map(Image::try_from).transpose()
     }
 
@@ -249,11 +252,12 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn images(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<Image>, StoreError> {
-        let rows: Vec<Row> = query("SELECT * FROM images WHERE id < $1 AND deleted_at IS NULL ORDER BY id DESC LIMIT $2")
-            .bind(before.unwrap_or(Uuid::max()))
-            .bind(limit)
-            .fetch_all(&self.database)
-            .await?;
+        let rows: Vec<Row> =
+            query("SELECT * FROM images WHERE id < $1 AND deleted_at IS NULL ORDER BY id DESC LIMIT $2")
+                .bind(before.unwrap_or(Uuid::max()))
+                .bind(limit)
+                .fetch_all(&self.database)
+                .await?;
         rows.into_iter().map(Image::try_from).collect()
     }
 

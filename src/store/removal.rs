@@ -42,8 +42,7 @@ impl Ended {
     }
 }
 
-const UNFINISHED: &str =
-    "SELECT 1 FROM orientations WHERE image_id = images.id AND status IN ('queued', 'running')";
+const UNFINISHED: &str = "SELECT 1 FROM orientations WHERE image_id = images.id AND status IN ('queued', 'running')";
 
 impl Store {
     /// Removes an image with its file, unless an orientation of it waits or runs. Its row stays, for the orientations that
