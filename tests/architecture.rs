@@ -44,8 +44,9 @@ const ROOMS: &[Room] = &[
         ],
     ),
     Room("imagery", &["features"]),
-    Room("control", &["geometry", "scenes", "orientation", "pipeline"]),
-    Room("store", &["geometry"]),
+    Room("database", &[]),
+    Room("control", &["geometry", "scenes", "orientation", "pipeline", "database"]),
+    Room("store", &["geometry", "database"]),
     Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
         "jobs",
@@ -62,12 +63,13 @@ const ROOMS: &[Room] = &[
             "pipeline",
             "classifiers",
             "imagery",
+            "database",
             "control",
             "store",
             "report",
         ],
     ),
-    Room("configuration", &["learning", "diagnosis", "imagery"]),
+    Room("configuration", &["learning", "diagnosis", "imagery", "store"]),
     Room(
         "http",
         &[
@@ -81,6 +83,7 @@ const ROOMS: &[Room] = &[
             "pipeline",
             "classifiers",
             "imagery",
+            "database",
             "control",
             "store",
             "report",
@@ -88,7 +91,7 @@ const ROOMS: &[Room] = &[
             "configuration",
         ],
     ),
-    Room("service", &["store", "configuration", "http"]),
+    Room("service", &["store", "jobs", "configuration", "http"]),
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.
