@@ -44,9 +44,10 @@ const ROOMS: &[Room] = &[
         ],
     ),
     Room("imagery", &["features"]),
-    Room("control", &["geometry", "scenes", "orientation", "pipeline"]),
+    Room("database", &[]),
+    Room("control", &["geometry", "scenes", "orientation", "pipeline", "database"]),
     Room("flight", &["geometry"]),
-    Room("store", &["geometry"]),
+    Room("store", &["geometry", "database"]),
     Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
         "jobs",
@@ -63,12 +64,13 @@ const ROOMS: &[Room] = &[
             "pipeline",
             "classifiers",
             "imagery",
+            "database",
             "control",
             "store",
             "report",
         ],
     ),
-    Room("configuration", &["learning", "diagnosis", "imagery"]),
+    Room("configuration", &["learning", "diagnosis", "imagery", "store"]),
     Room(
         "http",
         &[
@@ -82,6 +84,7 @@ const ROOMS: &[Room] = &[
             "pipeline",
             "classifiers",
             "imagery",
+            "database",
             "control",
             "flight",
             "store",
@@ -90,7 +93,7 @@ const ROOMS: &[Room] = &[
             "configuration",
         ],
     ),
-    Room("service", &["store", "configuration", "http"]),
+    Room("service", &["store", "jobs", "configuration", "http"]),
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.

@@ -15,7 +15,7 @@ impl Jobs {
     /// # Errors
     /// [`SubmitError`]; then the transaction is not to be completed.
     pub async fn submit_all(&self, transaction: &mut Transaction, new: &[NewOrientation]) -> Result<(), SubmitError> {
-        let waiting = orientations::queued(transaction).await? as usize;
+        let waiting = orientations::queued(&mut *transaction).await? as usize;
         let queue_max = self.0.settings.queue_max;
         if !new.is_empty() && waiting + new.len() > queue_max as usize {
             return Err(SubmitError::QueueFull { queue_max });
@@ -30,8 +30,8 @@ impl Jobs {
     }
 
     /// Says that there is something in the queue, after a transaction with [`Self::submit_all`].
-    pub fn announce(&self) {
-        self.0.queue.announce();
+    pub async fn announce(&self) {
+        self.0.call_workers().await;
     }
 
     /// Removes a block, and cancels its orientations that have not ended; `false` if there is none.
@@ -47,7 +47,7 @@ impl Jobs {
             if let Some(signal) = self.0.running().get(&id) {
                 signal.interrupt();
             }
-            self.0.ended(id, Status::Cancelled, None);
+            self.0.ended(id, Status::Cancelled, None).await;
         }
         Ok(removed)
     }

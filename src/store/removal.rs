@@ -6,7 +6,6 @@ use chrono::{DateTime, Utc};
 use sqlx::AssertSqlSafe;
 use uuid::Uuid;
 
-use super::images::file_error;
 use super::{Store, StoreError, now};
 use crate::database::query;
 
@@ -72,13 +71,7 @@ impl Store {
         let removed = query("SELECT EXISTS (SELECT 1 FROM images WHERE id = $1 AND deleted_at IS NOT NULL)");
         let removed: bool = removed.bind(id).fetch_value(&mut transaction).await?;
         if let (true, Ok(sha256)) = (removed, <[u8; 32]>::try_from(sha256)) {
-            let path = self.image_path(&sha256);
-            match tokio::fs::remove_file(&path).await {
-                Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(file_error("cannot remove", &path, source));
-                }
-                _ => {}
-            }
+            self.remove_image_file(&sha256).await?;
         }
         transaction.commit().await?;
         Ok(())

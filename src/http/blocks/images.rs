@@ -164,7 +164,7 @@ pub(in crate::http) async fn attach(
         return Err(Problem::conflict(detail).with_retry_after(1));
     }
     transaction.commit().await?;
-    state.jobs.announce();
+    state.jobs.announce().await;
     Ok(true)
 }
 

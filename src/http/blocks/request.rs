@@ -310,7 +310,7 @@ pub(super) async fn accept(
         blocks::insert_image(&mut transaction, block.id, row).await?;
     }
     transaction.commit().await?;
-    state.jobs.announce();
+    state.jobs.announce().await;
     Ok(block)
 }
 

@@ -62,7 +62,7 @@ pub(super) async fn mark(
     let mark = mark.ok_or_else(|| Problem::not_found("The camera has no such mark; ask for its name with .png."))?;
     let image = state.store.image(kept.image_id).await?;
     let image = image.ok_or_else(|| Problem::gone("The image was removed; upload it again to look at its marks."))?;
-    let (path, limits) = (state.store.image_path(&image.sha256), state.configuration.image_limits());
+    let (path, limits) = (state.store.image_file(&image.sha256).await?, state.configuration.image_limits());
     let draw = move || interior::close_up(&path, &limits, &result, &mark);
     // the client is not at fault: the image could be read before
     let drawn = at_a_time(&state, draw).await?.map_err(|error: InteriorError| Problem::internal(&error))?;
