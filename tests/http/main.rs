@@ -7,6 +7,7 @@ pub(crate) use gable::store::{Place, Store};
 
 mod access;
 mod bad_requests;
+mod blocks;
 mod cameras;
 mod command_line;
 mod contract;
@@ -24,6 +25,7 @@ mod kill;
 #[path = "../shared/labelled.rs"]
 mod labelled;
 mod orientations;
+mod removal;
 mod scene_commands;
 #[path = "../shared/scratch.rs"]
 mod scratch;
@@ -31,3 +33,4 @@ mod sockets;
 mod support;
 mod terrestrial;
 mod tools;
+mod uploads;

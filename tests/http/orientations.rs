@@ -58,7 +58,7 @@ fn outcome(task: &Task) -> Outcome {
 }
 
 /// Succeeds at once.
-fn quick() -> Orient {
+pub(super) fn quick() -> Orient {
     Arc::new(|_, _, task, observer| {
         observer.progress(Stage::Predict, 0.1);
         Ok(outcome(task))
@@ -66,7 +66,7 @@ fn quick() -> Orient {
 }
 
 /// Waits until it is let go or cancelled.
-fn held(gate: &Arc<AtomicBool>) -> Orient {
+pub(super) fn held(gate: &Arc<AtomicBool>) -> Orient {
     let gate = gate.clone();
     Arc::new(move |_, _, task, observer| {
         observer.progress(Stage::Locate, 0.4);
@@ -81,15 +81,15 @@ fn held(gate: &Arc<AtomicBool>) -> Orient {
 }
 
 /// A service that works, with a camera "camera" and one image.
-struct Working {
-    service: Service,
-    image: String,
+pub(super) struct Working {
+    pub(super) service: Service,
+    pub(super) image: String,
     stop: CancellationToken,
     _guard: DropGuard,
 }
 
 impl Working {
-    async fn with(orient: Orient) -> Self {
+    pub(super) async fn with(orient: Orient) -> Self {
         let service = Service::with_pipeline(|configuration| configuration.workers = 1, orient).await;
         service.state.jobs.prepare().await.unwrap();
         let stop = CancellationToken::new();
@@ -102,12 +102,12 @@ impl Working {
         Self { service, image, stop: stop.clone(), _guard: stop.drop_guard() }
     }
 
-    fn request(&self) -> Value {
+    pub(super) fn request(&self) -> Value {
         json!({"image": self.image, "camera": "camera", "approximation": {
             "position": {"crs": "EPSG:4979", "coordinates": [16.6, 52.7, 400.0]}, "kappa_deg": 10}})
     }
 
-    async fn ask(&self, request: &Value, headers: &[(&'static str, &str)]) -> Answer {
+    pub(super) async fn ask(&self, request: &Value, headers: &[(&'static str, &str)]) -> Answer {
         let mut post = json_post("/api/v1/orientations", request);
         for (name, value) in headers {
             post.headers_mut().insert(*name, value.parse().unwrap());
@@ -119,7 +119,7 @@ impl Working {
         self.service.get(&format!("/api/v1/orientations/{id}{rest}")).await
     }
 
-    async fn until(&self, id: &str, status: &str) -> Value {
+    pub(super) async fn until(&self, id: &str, status: &str) -> Value {
         let began = Instant::now();
         loop {
             let orientation = self.get(id, "").await.json();
@@ -132,7 +132,7 @@ impl Working {
     }
 }
 
-fn id(answer: &Answer) -> String {
+pub(super) fn id(answer: &Answer) -> String {
     answer.json()["id"].as_str().unwrap().to_owned()
 }
 
