@@ -1,5 +1,6 @@
 //! The command line: one file a command.
 
+mod block;
 mod classifier;
 mod dataset;
 mod demo;
@@ -48,6 +49,7 @@ enum Command {
     Worker(worker::Worker),
     Migrate(migrate::Migrate),
     Import(import::Import),
+    Block(block::BlockCommand),
     Orient(Box<orient::Orient>),
     Interior(interior::Interior),
     Scene(scene::SceneCommand),
@@ -68,6 +70,7 @@ impl Command {
             Self::Worker(command) => command.run().await,
             Self::Migrate(command) => command.run().await,
             Self::Import(command) => command.run().await,
+            Self::Block(command) => command.run().await,
             Self::Orient(command) => command.run().await,
             Self::Interior(command) => command.run().await,
             Self::Scene(command) => command.run().await,
