@@ -32,9 +32,14 @@ pub(super) fn parse(text: &str, source: &Source, faults: &mut LineFaults) -> Res
     let columns = columns(&header, source)?;
     let ignored = header.iter().zip(&columns).filter(|(_, column)| **column == Column::Ignored);
     let mut flight = Flight { ignored: ignored.map(|(name, _)| name.to_owned()).collect(), ..Flight::default() };
+    let mut lines = Lines { text, at: 0, line: 1 };
     for record in records {
         let record = record.map_err(|error| LineFaults::whole(format!("the table cannot be read: {error}")))?;
-        let line = record.position().map_or(0, |position| usize::try_from(position.line()).unwrap_or(0));
+        let line = lines.of(record.position().map_or(0, |position| usize::try_from(position.byte()).unwrap_or(0)));
+        // as spreadsheets write below their last row
+        if record.iter().all(str::is_empty) {
+            continue;
+        }
         match listed(line, &record, &columns, source) {
             Ok(image) => flight.images.push(image),
             Err(detail) => faults.add(format!("line {line}"), detail),
@@ -44,6 +49,25 @@ pub(super) fn parse(text: &str, source: &Source, faults: &mut LineFaults) -> Res
         }
     }
     Ok(flight)
+}
+
+/// Which line a byte is in. The reader's own count is one behind where lines end by CR LF.
+struct Lines<'t> {
+    text: &'t str,
+    at: usize,
+    line: usize,
+}
+
+impl Lines<'_> {
+    /// The line of a record that begins at or before the first character from `byte` on that does not end a line.
+    fn of(&mut self, byte: usize) -> usize {
+        let bytes = self.text.as_bytes();
+        let ends = bytes[byte.min(bytes.len())..].iter().take_while(|byte| b"\r\n".contains(byte)).count();
+        let begin = (byte + ends).clamp(self.at, bytes.len());
+        self.line += bytes[self.at..begin].iter().filter(|byte| **byte == b'\n').count();
+        self.at = begin;
+        self.line
+    }
 }
 
 /// The one of the three that is most often in the first line.

@@ -296,6 +296,9 @@ impl From<StoreError> for Problem {
             StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::storage_full(&error)
             }
+            StoreError::JustRemoved => {
+                Self::unavailable("These bytes were being removed at this moment; send them again.", 1)
+            }
             StoreError::Database { source: sqlx::Error::PoolTimedOut } => Self::busy(&error),
             StoreError::Database { source: sqlx::Error::Database(refusal) } => match sqlite_code(refusal.as_ref()) {
                 Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::busy(&error),

@@ -210,8 +210,7 @@ impl Store {
         let mut transaction = self.begin_write().await?;
         // a removal of these bytes may just have taken the file away, see `remove_image`
         if !self.holds_file(&received.sha256).await? {
-            let path = self.image_path(&received.sha256);
-            return Err(file_error("cannot find again", &path, std::io::ErrorKind::NotFound.into()));
+            return Err(StoreError::JustRemoved);
         }
         let revived =
             query("UPDATE images SET deleted_at = NULL, created_at = $1 WHERE sha256 = $2 AND deleted_at IS NOT NULL")

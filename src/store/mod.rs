@@ -71,6 +71,9 @@ pub enum StoreError {
         /// The data folder.
         folder: PathBuf,
     },
+    /// An image came while the same bytes were being removed.
+    #[error("these bytes were being removed at this moment; send them again")]
+    JustRemoved,
     /// A stored value is not what this version writes.
     #[error("the stored {what} {value:?} is not known to this version")]
     Unknown {

@@ -148,7 +148,7 @@ async fn nothing_is_accepted_where_one_line_is_bad() {
         ("camera=camera&output_crs=nowhere", good, "?output_crs"),
         ("camera=camera&sigma_position_m=1,2", good, "?sigma_position_m"),
         ("camera=camera&name=%0A", good, "?name"),
-        ("camera=camera&sigma_position_m=inf", good, "line 2"),
+        ("camera=camera&sigma_position_m=inf", good, "?sigma_position_m"),
         ("camera=camera", "name,lon,lat,height,omega\na,16.6,52.7,400,85\n", "line 2"),
         ("camera=camera", "name,lon,lat,height,image_id\na,16.6,52.7,400,x\n", "line 2"),
         (

@@ -183,6 +183,10 @@ impl Planned {
                         let name = fault.pointer.trim_start_matches('/');
                         return Err(Problem::invalid_field(format!("?{name}"), fault.detail));
                     }
+                    Some(field) if !of_line(field, listed) => {
+                        let name = field.split('/').next().unwrap_or_default();
+                        return Err(Problem::invalid_field(format!("?{name}"), fault.detail));
+                    }
                     Some(field) => {
                         faults.add(flight::place(self.format, listed.number), format!("{field}: {}", fault.detail));
                     }
@@ -212,6 +216,16 @@ impl Planned {
             sigma_tilt_deg: listed.sigma_tilt_deg.or(common.sigma_tilt_deg),
             sigma_kappa_deg: listed.sigma_kappa_deg.or(listed.kappa_deg.and(self.query.sigma_kappa_deg)),
         }
+    }
+}
+
+/// Whether a field of the approximation is what the line says, not the query.
+fn of_line(field: &str, listed: &Listed) -> bool {
+    match field.split('/').next().unwrap_or_default() {
+        "sigma_position_m" => listed.sigma_position_m.is_some(),
+        "sigma_tilt_deg" => listed.sigma_tilt_deg.is_some(),
+        "sigma_kappa_deg" => listed.sigma_kappa_deg.is_some(),
+        _ => true,
     }
 }
 
