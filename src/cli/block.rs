@@ -12,8 +12,12 @@ use serde_json::Value;
 
 use super::print;
 
+const EXAMPLES: &str = "Example:
+  gable block post flight.csv --images scans --camera rmk-top-15 --crs EPSG:25832 --tolerance-gsd 5";
+
 /// Orients the images of a flight by a service.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub(super) struct BlockCommand {
     #[command(subcommand)]
     action: Action,
@@ -105,7 +109,7 @@ impl Post {
         }
         match missing.len() + refused.len() {
             0 => Ok(()),
-            count => bail!("{count} images were not uploaded; post the same files again by PUT, or remove the block"),
+            count => bail!("not uploaded: {count}; post the same files again by PUT, or remove the block"),
         }
     }
 
