@@ -65,8 +65,9 @@ fn angles_about_the_axes_of_the_grid_become_those_of_the_local_frame() {
 #[test]
 fn bad_tables_are_refused_line_by_line() {
     let header = "name,x,y,z\n";
-    let bad =
-        format!("{header}a,365000,5621000,nan\nb,365000,5621000,1200\nc,1,2\nd,1e400,5621000,inf\ne,3,5621000,1200\n");
+    let bad = format!(
+        "{header}a,365000,5621000,nan\nb,365000,5621000,1200\nc,1,2\nd,1e400,5621000,inf\ne,3e9,5621000,1200\n"
+    );
     assert_eq!(places(table(&bad)), ["line 2", "line 4", "line 5", "line 6"]);
     let twice = format!("{header}a,365000,5621000,1\n\na,365000,5621000,1\n");
     assert!(fault(table(&twice)).contains("line 2"), "{:?}", table(&twice));
