@@ -18,6 +18,7 @@ pub use request::{CheckedScene, ControlSceneRequest};
 use super::area::{AreaQuery, CrsQuery, Rectangle, cursor};
 use super::extract::{Path, Query};
 use super::idempotency::NewId;
+use super::openapi::Binary;
 use super::page::{Page, Wanted};
 use super::problem::Problem;
 use super::state::AppState;
@@ -142,7 +143,7 @@ impl Target {
 #[utoipa::path(
     post, path = "/control-scenes", operation_id = "upload_control_scene", tag = "control scenes",
     request_body(content = ControlSceneForm, content_type = "multipart/form-data"),
-    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
+    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Makes the request safe to repeat")),
     responses(
         (status = 201, description = "Stored", body = ControlSceneAnswer),
         (status = 200, description = "The one of this name was replaced", body = ControlSceneAnswer),
@@ -246,7 +247,7 @@ async fn read(
     ),
     responses(
         (status = 200, description = "The picture", content(
-            (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"),
+            (inline(Binary) = "image/jpeg"), (inline(Binary) = "image/png"), (inline(Binary) = "image/tiff"),
         )),
         (status = 304, description = "It is what the client has"),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
