@@ -1,6 +1,7 @@
 """Goes the whole way by the generated client: camera, control points, image, orientation, verdict, lists, problems.
 
-drive.py URL KEY FOLDER, where FOLDER is one that `gable simulate` wrote.
+drive.py URL KEY FOLDER FILM IDS, where FOLDER is one that `gable simulate` wrote, and FILM one of `gable simulate --film`.
+What it made is left in the service, and named in the file IDS for schemathesis.
 """
 
 import json
@@ -14,14 +15,16 @@ from gable_client import AuthenticatedClient, Client
 from gable_client.api.cameras import add_camera, delete_camera, list_cameras, show_camera
 from gable_client.api.control_points import import_control_points, list_control_points
 from gable_client.api.images import list_images, show_image, upload_image
+from gable_client.api.interior_orientations import orient_interior, show_interior_orientation, show_mark, show_residuals
 from gable_client.api.orientations import list_orientations, orient, show_orientation, show_overlay
 from gable_client.api.service import is_live, is_ready
 from gable_client.models import (
-    ControlPointCollection, DigitalCameraRequest, Form, OrientationRequest, Problem,
+    ControlPointCollection, DigitalCameraRequest, FilmCameraRequest, Form, InteriorRequest, OrientationRequest, Problem,
 )
 from gable_client.types import File
 
-url, key, folder = sys.argv[1], sys.argv[2], Path(sys.argv[3])
+url, key = sys.argv[1:3]
+folder, film_folder, ids_file = map(Path, sys.argv[3:])
 if key:
     client = AuthenticatedClient(base_url=url, token=key, timeout=330.0)
 else:
@@ -39,8 +42,8 @@ def parsed(response, status, kind):
     return response.parsed
 
 
-def load(name):
-    return json.loads((folder / name).read_text())
+def load(name, of=folder):
+    return json.loads((of / name).read_text())
 
 
 assert parsed(is_live.sync_detailed(client=client), 200, "Health").status == "live"
@@ -84,8 +87,8 @@ told("an unknown CRS is a problem", problem.detail[:60])
 photograph = (folder / "photograph.png").read_bytes()
 
 
-def form():
-    return Form(file=File(payload=BytesIO(photograph), file_name="photograph.png", mime_type="image/png"))
+def form(content=photograph, kind="image/png"):
+    return Form(file=File(payload=BytesIO(content), file_name="photograph", mime_type=kind))
 
 
 response = upload_image.sync_detailed(client=client, body=form(), idempotency_key=str(uuid.uuid4()))
@@ -93,7 +96,7 @@ assert response.status_code in (200, 201), response.content
 image = response.parsed
 again = parsed(upload_image.sync_detailed(client=client, body=form()), 200, "ImageAnswer")
 assert again.id == image.id
-assert parsed(show_image.sync_detailed(image.id, client=client), 200, "ImageAnswer").bytes_ == len(photograph)
+assert parsed(show_image.sync_detailed(image.id, client=client), 200, "ImageAnswer").size_bytes == len(photograph)
 told("an image is stored once", image.id)
 
 request = OrientationRequest.from_dict(
@@ -132,6 +135,22 @@ problem = parsed(show_orientation.sync_detailed(uuid.UUID(int=0), client=client)
 told("what is not there is a problem", problem.title)
 
 
+body = FilmCameraRequest.from_dict(load("camera.json", film_folder) | {"name": name + "-film"})
+film_camera = parsed(add_camera.sync_detailed(client=client, body=body), 201, "FilmCameraAnswer")
+scan = (film_folder / "photograph.tif").read_bytes()
+response = upload_image.sync_detailed(client=client, body=form(scan, "image/tiff"))
+assert response.status_code in (200, 201), response.content
+body = InteriorRequest.from_dict({"image": str(response.parsed.id), "camera": name + "-film"})
+interior = parsed(orient_interior.sync_detailed(client=client, body=body), 201, "InteriorOrientationAnswer")
+assert interior.result.diagnosis.verdict == "green", interior.result.diagnosis
+shown = parsed(show_interior_orientation.sync_detailed(interior.id, client=client), 200, "InteriorOrientationAnswer")
+assert shown.result.to_dict() == interior.result.to_dict()
+assert b"<svg" in show_residuals.sync_detailed(interior.id, client=client).content
+mark = show_mark.sync_detailed(interior.id, interior.result.marks[0].name + ".png", client=client)
+assert mark.status_code == 200 and mark.content[:4] == b"\x89PNG", mark.content[:300]
+told("a scan of film", f"{interior.result.diagnosis.verdict}, {len(interior.result.marks)} marks")
+
+
 def pages(list_, **wanted):
     """All items of a list, two by two."""
     items, cursor = [], None
@@ -157,11 +176,14 @@ for name_of, list_, wanted in [
 problem = parsed(list_cameras.sync_detailed(client=client, cursor="no such page"), 422, "Problem")
 told("a cursor of another service is a problem", problem.detail)
 
-response = delete_camera.sync_detailed(camera.id, client=client)
-assert response.status_code in (204, 409), response.content
-told("the camera can be removed, or is in use", response.status_code)
+problem = parsed(delete_camera.sync_detailed(camera.id, client=client), 409, "Problem")
+told("a camera in use stays", problem.detail)
 if key:
     stranger = Client(base_url=url)
     problem = parsed(list_cameras.sync_detailed(client=stranger), 401, "Problem")
     assert isinstance(problem, Problem)
     told("without a key nothing is told", problem.detail)
+
+point = list_control_points.sync(client=client, limit=1).items[0].to_dict()["properties"]["name"]
+ids = {"CAMERA": camera.id, "IMAGE": image.id, "ORIENTATION": answer.id, "INTERIOR": interior.id, "CONTROL_POINT": point}
+ids_file.write_text("".join(f"export {what}={value}\n" for what, value in ids.items()))
