@@ -94,7 +94,7 @@ struct Decides {
     post, path = "/classifiers", operation_id = "train_classifier", tag = "diagnosis",
     params(
         TrainQuery,
-        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Makes the request safe to repeat"),
+        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat"),
     ),
     request_body(content((TrainRequest = "application/json"), (String = "application/x-ndjson"))),
     responses(

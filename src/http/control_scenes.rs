@@ -143,7 +143,7 @@ impl Target {
 #[utoipa::path(
     post, path = "/control-scenes", operation_id = "upload_control_scene", tag = "control scenes",
     request_body(content = ControlSceneForm, content_type = "multipart/form-data"),
-    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Makes the request safe to repeat")),
+    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
     responses(
         (status = 201, description = "Stored", body = ControlSceneAnswer),
         (status = 200, description = "The one of this name was replaced", body = ControlSceneAnswer),

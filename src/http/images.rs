@@ -106,7 +106,7 @@ impl From<Image> for ImageAnswer {
     params(
         ("Content-Digest" = Option<String>, Header, description = "`sha-256=:<base64>:` of the body"),
         ("Repr-Digest" = Option<String>, Header, description = "`sha-256=:<base64>:` of the file"),
-        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Makes the request safe to repeat"),
+        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat"),
     ),
     responses(
         (status = 201, description = "Stored", body = ImageAnswer),

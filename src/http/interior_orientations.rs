@@ -81,7 +81,7 @@ impl ListQuery {
 #[utoipa::path(
     post, path = "/interior-orientations", operation_id = "orient_interior", tag = "interior orientations",
     request_body = InteriorRequest,
-    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Makes the request safe to repeat")),
+    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
     responses(
         (status = 201, description = "Found out, whatever the verdict", body = InteriorOrientationAnswer),
         (status = 422, description = "A field makes no sense, the camera is a digital one, or the image cannot be read", body = Problem, content_type = "application/problem+json"),

@@ -132,7 +132,7 @@ impl From<MarkTemplate> for MarkTemplateAnswer {
 #[utoipa::path(
     post, path = "/mark-templates", operation_id = "upload_mark_template", tag = "cameras",
     request_body(content = MarkTemplateForm, content_type = "multipart/form-data"),
-    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Makes the request safe to repeat")),
+    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
     responses(
         (status = 201, description = "Stored", body = MarkTemplateAnswer),
         (status = 200, description = "It was there already, the same", body = MarkTemplateAnswer),
