@@ -1,9 +1,11 @@
 //! The command line: one file a command.
 
+mod backup;
 mod block;
 mod classifier;
 mod dataset;
 mod demo;
+mod doctor;
 mod evaluate;
 mod import;
 mod interior;
@@ -48,6 +50,9 @@ enum Command {
     #[command(hide = true)]
     Worker(worker::Worker),
     Migrate(migrate::Migrate),
+    Backup(backup::Backup),
+    Restore(backup::Restore),
+    Doctor(doctor::Doctor),
     Import(import::Import),
     Block(block::BlockCommand),
     Orient(Box<orient::Orient>),
@@ -69,6 +74,9 @@ impl Command {
             Self::Work(command) => command.run().await,
             Self::Worker(command) => command.run().await,
             Self::Migrate(command) => command.run().await,
+            Self::Backup(command) => command.run().await,
+            Self::Restore(command) => command.run().await,
+            Self::Doctor(command) => command.run().await,
             Self::Import(command) => command.run().await,
             Self::Block(command) => command.run().await,
             Self::Orient(command) => command.run().await,

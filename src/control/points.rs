@@ -172,6 +172,12 @@ const IN_BOX: Dialects = Dialects {
                SELECT * FROM near WHERE id > $5 ORDER BY id LIMIT $6",
 };
 
+/// The search of one box, to look at how it is answered.
+#[cfg(test)]
+pub(super) fn searched(database: &Database, region: GeodeticBox) -> Query {
+    with_box(query(database.dialect(IN_BOX)), region).bind(0_i64).bind(i64::MAX)
+}
+
 /// A row with its number.
 pub(super) trait Numbered {
     /// The number, by which rows are ordered.

@@ -31,13 +31,27 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .merge(import)
 }
 
+/// A GeoJSON `FeatureCollection` of control points; what else it has is ignored.
+#[derive(ToSchema)]
+#[schema(as = ControlPointCollection)]
+#[expect(dead_code, reason = "only describes the body, which is read a feature at a time")]
+struct Collection {
+    /// Always `FeatureCollection`.
+    #[schema(example = "FeatureCollection", pattern = "^FeatureCollection$")]
+    r#type: String,
+    /// Each as it is listed: a `MultiLineString`, and the properties `name`, `sigma_m` and, if need be, `reference`. Those
+    /// that are none are told in the answer.
+    #[schema(value_type = Vec<serde_json::Value>)]
+    features: Vec<ControlPointFeature>,
+}
+
 /// Where an import comes from.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct ImportQuery {
     /// The CRS of the coordinates: `EPSG:<code>` or a PROJ string.
-    #[param(example = "EPSG:25832")]
+    #[param(example = "EPSG:25832", min_length = 1)]
     crs: String,
     /// What makes the heights ellipsoidal: height above the geoid + this = ellipsoidal height.
     geoid_undulation_m: Option<f64>,
@@ -66,7 +80,7 @@ struct ImportAnswer {
 #[utoipa::path(
     post, path = "/control-points", operation_id = "import_control_points", tag = "control points", params(ImportQuery),
     request_body(content(
-        (serde_json::Value = "application/geo+json"), (serde_json::Value = "application/json"),
+        (Collection = "application/geo+json"), (Collection = "application/json"),
     )),
     responses(
         (status = 200, description = "What was imported, updated and rejected", body = ImportAnswer),

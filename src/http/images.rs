@@ -17,6 +17,7 @@ use uuid::Uuid;
 
 use super::extract::{Path, Query, body_problem, media_type, refuse_encoded};
 use super::idempotency::NewId;
+use super::openapi::Binary;
 use super::page::{Page, PageQuery};
 use super::problem::Problem;
 use super::state::AppState;
@@ -100,7 +101,8 @@ impl From<Image> for ImageAnswer {
 #[utoipa::path(
     post, path = "/images", operation_id = "upload_image", tag = "images",
     request_body(content(
-        (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"), (Form = "multipart/form-data"),
+        (inline(Binary) = "image/jpeg"), (inline(Binary) = "image/png"), (inline(Binary) = "image/tiff"),
+        (Form = "multipart/form-data"),
     )),
     params(
         ("Content-Digest" = Option<String>, Header, description = "`sha-256=:<base64>:` of the body"),

@@ -60,6 +60,7 @@ struct ListQuery {
     #[param(minimum = 1, maximum = 200)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
+    #[param(min_length = 1)]
     cursor: Option<String>,
 }
 
@@ -92,7 +93,7 @@ impl ListQuery {
     post, path = "/orientations", operation_id = "orient", tag = "orientations", request_body = OrientationRequest,
     params(
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when it has ended, at the latest after N seconds"),
-        ("Idempotency-Key" = Option<String>, Header, description = "Makes the request safe to repeat"),
+        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat"),
     ),
     responses(
         (status = 202, description = "Accepted; `Location` says where to look", body = OrientationAnswer),

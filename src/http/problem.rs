@@ -10,6 +10,7 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use sqlx::error::DatabaseError;
+use sqlx::postgres::PgDatabaseError;
 use utoipa::ToSchema;
 
 use super::request_id;
@@ -219,7 +220,7 @@ impl Problem {
     /// 503: others hold the database for too long.
     fn busy(cause: &dyn fmt::Display) -> Self {
         tracing::warn!(%cause, "the database is too busy");
-        Self::unavailable("The database is too busy.", 1)
+        Self::unavailable("The database does not answer at present.", 1)
     }
 
     /// 507: the disk is full.
@@ -299,13 +300,39 @@ impl From<StoreError> for Problem {
             StoreError::JustRemoved => {
                 Self::unavailable("These bytes were being removed at this moment; send them again.", 1)
             }
-            StoreError::Database { source: sqlx::Error::PoolTimedOut } => Self::busy(&error),
-            StoreError::Database { source: sqlx::Error::Database(refusal) } => match sqlite_code(refusal.as_ref()) {
-                Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::busy(&error),
-                Some(SQLITE_FULL) => Self::storage_full(&error),
-                _ => Self::internal(&error),
-            },
+            StoreError::Database { source } => Self::of_database(source, &error),
+            StoreError::Objects { .. } => {
+                tracing::error!(%error, "the object store does not do what it should");
+                Self::unavailable("The object store does not answer.", 5)
+            }
             _ => Self::internal(&error),
+        }
+    }
+}
+
+impl Problem {
+    fn of_database(error: &sqlx::Error, cause: &dyn fmt::Display) -> Self {
+        match error {
+            // a server that restarts, or a network that was cut
+            sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::Io(_) | sqlx::Error::Tls(_) => {
+                Self::busy(cause)
+            }
+            sqlx::Error::Database(refusal) => match refusal.try_downcast_ref::<PgDatabaseError>() {
+                Some(refusal) => match refusal.code() {
+                    "53100" => Self::storage_full(cause),
+                    // resources, operators, locks, and transactions that met
+                    code if ["53", "57P", "08", "55P03", "40"].iter().any(|class| code.starts_with(class)) => {
+                        Self::busy(cause)
+                    }
+                    _ => Self::internal(cause),
+                },
+                None => match sqlite_code(refusal.as_ref()) {
+                    Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::busy(cause),
+                    Some(SQLITE_FULL) => Self::storage_full(cause),
+                    _ => Self::internal(cause),
+                },
+            },
+            _ => Self::internal(cause),
         }
     }
 }

@@ -7,6 +7,7 @@ use uuid::Uuid;
 
 use super::{at_a_time, found};
 use crate::http::extract::Path;
+use crate::http::openapi::Binary;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::jobs::interior::{self, InteriorError};
@@ -45,7 +46,7 @@ pub(super) async fn residuals(State(state): State<AppState>, Path(id): Path<Uuid
         ("name" = String, Path, description = "The mark's name, followed by `.png`", example = "1.png"),
     ),
     responses(
-        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 200, description = "The picture", body = inline(Binary), content_type = "image/png"),
         (status = 404, description = "There is no such mark, or nothing is known of where it is", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "The image was removed", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),

@@ -9,6 +9,7 @@ use uuid::Uuid;
 
 use super::found;
 use crate::http::extract::{Path, Query};
+use crate::http::openapi::Binary;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::jobs::AttemptError;
@@ -40,7 +41,7 @@ pub(super) struct OverlayQuery {
         ("Accept" = Option<String>, Header, description = "`image/png`, or `image/jpeg` (default)"),
     ),
     responses(
-        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 200, description = "The picture", content((inline(Binary) = "image/jpeg"), (inline(Binary) = "image/png"))),
         (status = 404, description = "There is no such orientation, or it has no result", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "It has not ended yet", body = Problem, content_type = "application/problem+json"),
         (status = 410, description = "Its image was removed", body = Problem, content_type = "application/problem+json"),
