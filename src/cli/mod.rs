@@ -134,6 +134,8 @@ fn begin_log(configuration: &Configuration) -> anyhow::Result<()> {
     })?;
     // it logs every tag of every image, positions too
     let filter = filter.add_directive("nom_exif=off".parse()?);
+    // what CREATE … IF NOT EXISTS finds there already
+    let filter = filter.add_directive("sqlx::postgres::notice=warn".parse()?);
     let colours = std::io::stderr().is_terminal();
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(colours).with_writer(std::io::stderr);
     let begun = match configuration.log_format {

@@ -83,7 +83,7 @@ class Service:
             if self.process.poll() is not None:
                 break
             time.sleep(0.02)
-        raise SystemExit(f"the service is not ready; its log: {pathlib.Path(self.data + '.log').read_text()[-2000:]}")
+        raise RuntimeError(f"the service is not ready; its log: {pathlib.Path(self.data + '.log').read_text()[-2000:]}")
 
     def ask(self, method, path, body=None, headers=None, timeout=60):
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout)
@@ -129,7 +129,7 @@ class Service:
             self.process.wait(patience)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise SystemExit("the service does not end")
+            raise RuntimeError("the service does not end")
         return time.time() - began
 
     def rss_mb(self):
