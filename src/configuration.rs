@@ -15,6 +15,7 @@ use utoipa::{PartialSchema as _, ToSchema};
 use crate::diagnosis::Policy;
 use crate::imagery::Limits;
 use crate::learning::Costs;
+use crate::webhooks::{Policy as WebhookPolicy, Secret};
 
 /// How the log is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -103,6 +104,25 @@ pub struct Configuration {
     pub training_max_jobs: u32,
     /// The largest labelled set that may be uploaded to train from.
     pub training_max_bytes: usize,
+    /// Requests a second that one key, session or, without one, client address may go on making; 0 is any number.
+    pub rate_per_s: f64,
+    /// Requests that each of them may make at once.
+    pub rate_burst: f64,
+    /// Requests answered at a time; further ones get 503 at once.
+    pub requests_max: usize,
+    /// Whether TLS is in front of the service, so that browsers send cookies back through it alone; if it is not given,
+    /// where it listens on more than the loopback interface.
+    pub cookie_secure: Option<bool>,
+    /// How long a login lasts that is not used.
+    pub session_idle_s: u64,
+    /// How long a login lasts at the most.
+    pub session_max_s: u64,
+    /// Hosts that webhooks may go to, with commas between them, `*.example.org` for all below one; empty: any public one.
+    pub webhook_hosts: String,
+    /// Whether webhooks may go to this machine, also by `http`; for tests.
+    pub webhook_allow_loopback: bool,
+    /// What signs webhooks, `whsec_` and base64; if it is not given, one is drawn and kept in the database.
+    pub webhook_secret: Option<String>,
 }
 
 impl Default for Configuration {
@@ -142,6 +162,15 @@ impl Default for Configuration {
             threshold: None,
             training_max_jobs: 10,
             training_max_bytes: 200_000_000,
+            rate_per_s: 50.0,
+            rate_burst: 200.0,
+            requests_max: 512,
+            cookie_secure: None,
+            session_idle_s: 8 * 3600,
+            session_max_s: 7 * 24 * 3600,
+            webhook_hosts: String::new(),
+            webhook_allow_loopback: false,
+            webhook_secret: None,
         }
     }
 }
@@ -278,7 +307,7 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 19] = [
+        let positive: [(&'static str, u64); 22] = [
             ("upload_max_bytes", self.upload_max_bytes),
             ("body_max_bytes", self.body_max_bytes as u64),
             ("import_max_bytes", self.import_max_bytes as u64),
@@ -298,6 +327,9 @@ impl Configuration {
             ("job_timeout_s", self.job_timeout_s),
             ("training_max_jobs", self.training_max_jobs.into()),
             ("training_max_bytes", self.training_max_bytes as u64),
+            ("requests_max", self.requests_max as u64),
+            ("session_idle_s", self.session_idle_s),
+            ("session_max_s", self.session_max_s),
         ];
         for (key, value) in positive {
             if value == 0 {
@@ -313,6 +345,8 @@ impl Configuration {
             ("idempotency_kept_s", self.idempotency_kept_s),
             ("wait_max_s", self.wait_max_s),
             ("job_timeout_s", self.job_timeout_s),
+            ("session_idle_s", self.session_idle_s),
+            ("session_max_s", self.session_max_s),
         ];
         for (key, value) in durations {
             if value > LONGEST_S {
@@ -320,9 +354,53 @@ impl Configuration {
             }
         }
         self.check_costs()?;
-        if self.connections_max > tokio::sync::Semaphore::MAX_PERMITS {
-            let value = self.connections_max.to_string();
-            return Err(ConfigurationError::OutOfRange { key: "connections_max", value, wanted: "a sensible number" });
+        for (key, value) in [("connections_max", self.connections_max), ("requests_max", self.requests_max)] {
+            if value > tokio::sync::Semaphore::MAX_PERMITS {
+                let value = value.to_string();
+                return Err(ConfigurationError::OutOfRange { key, value, wanted: "a sensible number" });
+            }
+        }
+        self.check_callers()
+    }
+}
+
+impl Configuration {
+    /// Whether browsers are to send cookies back through TLS alone.
+    #[must_use]
+    pub fn cookies_are_secure(&self) -> bool {
+        self.cookie_secure.unwrap_or(!self.listen.ip().is_loopback())
+    }
+
+    /// Which addresses webhooks may go to.
+    #[must_use]
+    pub fn webhook_policy(&self) -> WebhookPolicy {
+        let hosts = self.webhook_hosts.split(',').map(|host| host.trim().to_ascii_lowercase());
+        WebhookPolicy {
+            hosts: hosts.filter(|host| !host.is_empty()).collect(),
+            allow_loopback: self.webhook_allow_loopback,
+        }
+    }
+
+    fn check_callers(&self) -> Result<(), ConfigurationError> {
+        let rates = [("rate_per_s", self.rate_per_s, 0.0), ("rate_burst", self.rate_burst, 1.0)];
+        for (key, value, least) in rates {
+            if !(least..=1e9).contains(&value) {
+                let wanted = if least > 0.0 { "from 1 to 1e9" } else { "from 0 to 1e9" };
+                return Err(ConfigurationError::OutOfRange { key, value: value.to_string(), wanted });
+            }
+        }
+        let host_fits = |host: &String| {
+            let name = host.strip_prefix("*.").unwrap_or(host);
+            !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._[]:".contains(&b))
+        };
+        if let Some(host) = self.webhook_policy().hosts.into_iter().find(|host| !host_fits(host)) {
+            let wanted = "names of hosts with commas between them, *.example.org for all below one";
+            return Err(ConfigurationError::OutOfRange { key: "webhook_hosts", value: host, wanted });
+        }
+        // its value is not told
+        if self.webhook_secret.as_ref().is_some_and(|secret| secret.parse::<Secret>().is_err()) {
+            let (value, wanted) = (String::from("malformed"), "whsec_ and 24 to 64 bytes in base64");
+            return Err(ConfigurationError::OutOfRange { key: "webhook_secret", value, wanted });
         }
         Ok(())
     }

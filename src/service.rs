@@ -10,6 +10,7 @@ use tokio_util::sync::CancellationToken;
 use crate::configuration::Configuration;
 use crate::http::{self, AppState};
 use crate::store::{FolderLock, Store, StoreError};
+use crate::webhooks::{self, SecretError, Sender};
 
 /// Why the service cannot begin.
 #[derive(Debug, thiserror::Error)]
@@ -35,6 +36,9 @@ pub enum ServiceError {
         /// The cause.
         source: std::io::Error,
     },
+    /// There is nothing to sign webhooks with.
+    #[error("the secret of the webhooks: {0}")]
+    WebhookSecret(#[from] SecretError),
     /// The OpenAPI document cannot be written.
     #[error("the contract cannot be written: {0}")]
     Contract(#[from] serde_json::Error),
@@ -47,6 +51,7 @@ pub struct Service {
     app: Router,
     listener: TcpListener,
     address: SocketAddr,
+    webhooks: Option<Sender>,
     _lock: FolderLock,
 }
 
@@ -78,12 +83,13 @@ impl Service {
         }
         let state = AppState::new(store, configuration);
         state.jobs.prepare().await?;
+        let webhooks = sender(&state).await?;
         let app = http::router(state.clone())?;
         tracing::info!("listening on http://{address}, data in {}", state.store.folder().display());
         if !any_key {
             tracing::warn!("no key is made yet: every program on this machine is let in as admin");
         }
-        Ok(Self { state, app, listener, address, _lock: lock })
+        Ok(Self { state, app, listener, address, webhooks, _lock: lock })
     }
 
     /// Where it listens; the port is a real one even if the configuration says 0.
@@ -102,12 +108,27 @@ impl Service {
     pub async fn run(self, stop: CancellationToken) {
         let (jobs, stop_jobs) = (self.state.jobs.clone(), stop.clone());
         let working = tokio::spawn(async move { jobs.run(stop_jobs).await });
+        let telling =
+            self.webhooks.map(|sender| tokio::spawn(webhooks::run(self.state.store.clone(), sender, stop.clone())));
         http::serve::serve(self.listener, self.app, &self.state, stop).await;
         if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
             tracing::warn!("orientations under way do not end; they are taken up at the next start");
+        }
+        if let Some(telling) = telling
+            && tokio::time::timeout(JOBS_END_PATIENCE, telling).await.is_err()
+        {
+            tracing::warn!("webhooks under way do not end; they are sent again after the next start");
         }
         if tokio::time::timeout(CLOSE_PATIENCE, self.state.store.close()).await.is_err() {
             tracing::warn!("the database is still in use; what was not acknowledged is rolled back");
         }
     }
+}
+
+/// What tells webhooks; none on a machine that knows no authorities, where they wait.
+async fn sender(state: &AppState) -> Result<Option<Sender>, ServiceError> {
+    let configuration = &state.configuration;
+    let secret = webhooks::secret(&state.store, configuration.webhook_secret.as_deref()).await?;
+    let sender = Sender::new(configuration.webhook_policy(), secret, webhooks::by_the_system());
+    Ok(sender.inspect_err(|error| tracing::error!(%error, "webhooks cannot be sent")).ok())
 }

@@ -67,7 +67,8 @@ const ROOMS: &[Room] = &[
             "report",
         ],
     ),
-    Room("configuration", &["learning", "diagnosis", "imagery"]),
+    Room("webhooks", &["store"]),
+    Room("configuration", &["learning", "diagnosis", "imagery", "webhooks"]),
     Room(
         "http",
         &[
@@ -85,10 +86,11 @@ const ROOMS: &[Room] = &[
             "store",
             "report",
             "jobs",
+            "webhooks",
             "configuration",
         ],
     ),
-    Room("service", &["store", "configuration", "http"]),
+    Room("service", &["store", "webhooks", "configuration", "http"]),
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.

@@ -82,6 +82,8 @@ pub const ROUTES: &[(Method, &str, Access)] = &[
     (Method::DELETE, "/api/v1/orientations/{id}", OPERATOR),
     (Method::GET, "/api/v1/orientations/{id}/events", READER),
     (Method::GET, "/api/v1/orientations/{id}/overlay", READER),
+    (Method::GET, "/api/v1/webhooks", OPERATOR),
+    (Method::POST, "/api/v1/webhooks/{id}/resend", OPERATOR),
 ];
 
 /// What a route asks of its caller; `None` if it is not in the table.

@@ -27,6 +27,7 @@ pub mod references;
 pub mod request_id;
 pub mod serve;
 pub mod state;
+pub mod webhooks;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -54,6 +55,7 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(orientations::routes())
         .merge(references::routes())
         .merge(classifiers::routes())
+        .merge(webhooks::routes())
         .merge(openapi::routes());
     openapi::base().merge(health::routes()).merge(metrics::routes()).nest("/api/v1", version_1)
 }

@@ -35,6 +35,8 @@ const DOCUMENT: &str = "/api/v1/openapi.json";
         (name = "interior orientations", description = "How films lie in their scans, from fiducial marks."),
         (name = "orientations", description = "Where images were taken, with a verdict on each answer."),
         (name = "diagnosis", description = "What the verdicts are learned from, and which classifier decides."),
+        (name = "webhooks", description = "What was told of orientations that have ended."),
+        (name = "access", description = "Who may do what, and who has done what."),
         (name = "service", description = "Health, figures, this document."),
     ),
 )]

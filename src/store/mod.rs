@@ -15,6 +15,7 @@ pub mod mark_templates;
 pub mod orientations;
 pub mod references;
 pub mod sightings;
+pub mod webhooks;
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
