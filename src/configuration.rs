@@ -8,6 +8,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use chrono::TimeDelta;
 use serde::{Deserialize, Serialize};
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema as _, ToSchema};
@@ -15,6 +16,7 @@ use utoipa::{PartialSchema as _, ToSchema};
 use crate::diagnosis::Policy;
 use crate::imagery::Limits;
 use crate::learning::Costs;
+use crate::store::accounts::Lasting;
 use crate::webhooks::{Policy as WebhookPolicy, Secret};
 
 /// How the log is written.
@@ -369,6 +371,14 @@ impl Configuration {
     #[must_use]
     pub fn cookies_are_secure(&self) -> bool {
         self.cookie_secure.unwrap_or(!self.listen.ip().is_loopback())
+    }
+
+    /// How long logins last.
+    #[must_use]
+    pub fn sessions_last(&self) -> Lasting {
+        // `check` has seen that they are no longer than a year
+        let seconds = |seconds: u64| TimeDelta::seconds(i64::try_from(seconds).unwrap_or(i64::from(i32::MAX)));
+        Lasting { idle: seconds(self.session_idle_s), most: seconds(self.session_max_s) }
     }
 
     /// Which addresses webhooks may go to.

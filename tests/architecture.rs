@@ -68,7 +68,7 @@ const ROOMS: &[Room] = &[
         ],
     ),
     Room("webhooks", &["store"]),
-    Room("configuration", &["learning", "diagnosis", "imagery", "webhooks"]),
+    Room("configuration", &["learning", "diagnosis", "imagery", "store", "webhooks"]),
     Room(
         "http",
         &[

@@ -71,7 +71,7 @@ async fn make_bootstrap_key(store: &Store) -> anyhow::Result<()> {
         return Err(unreadable(detail).into());
     }
     if !store.any_key().await? {
-        let key = store.add_key(&secret, "bootstrap", Role::Admin).await?;
+        let key = store.add_key(&secret, "bootstrap", Role::Admin, None).await?;
         tracing::info!(id = %key.id, "made the first key from {BOOTSTRAP_KEY}");
     }
     Ok(())

@@ -55,6 +55,7 @@ fn install() -> Option<PrometheusHandle> {
     );
     metrics::describe_gauge!("gable_drift_max", "The largest of these.");
     metrics::describe_counter!("gable_webhooks_total", "Tries to tell that an orientation has ended, by outcome.");
+    metrics::describe_counter!("gable_audit_failures_total", "Changes and refusals that the audit log lacks.");
     metrics::describe_gauge!("gable_connections", "Connections that are open.");
     installed.inspect_err(|error| tracing::error!(%error, "no metrics")).ok()
 }

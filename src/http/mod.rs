@@ -5,7 +5,9 @@
 //! its routes in [`access::ROUTES`], which says who may call it. A route that is not listed there answers nobody.
 
 pub mod access;
+pub mod accounts;
 mod area;
+pub mod audit;
 pub mod cameras;
 pub mod classifiers;
 pub mod control_points;
@@ -15,6 +17,7 @@ pub mod health;
 pub mod idempotency;
 pub mod images;
 pub mod interior_orientations;
+pub mod keys;
 pub mod mark_templates;
 pub mod metrics;
 pub mod observe;
@@ -23,9 +26,11 @@ pub mod orientations;
 pub mod pace;
 pub mod page;
 pub mod problem;
+pub mod rate;
 pub mod references;
 pub mod request_id;
 pub mod serve;
+pub mod session;
 pub mod state;
 pub mod webhooks;
 
@@ -37,6 +42,7 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::{IntoResponse as _, Response};
+use tokio::sync::Semaphore;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use utoipa_axum::router::OpenApiRouter;
@@ -56,6 +62,10 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(references::routes())
         .merge(classifiers::routes())
         .merge(webhooks::routes())
+        .merge(session::routes())
+        .merge(keys::routes())
+        .merge(accounts::routes())
+        .merge(audit::routes())
         .merge(openapi::routes());
     openapi::base().merge(health::routes()).merge(metrics::routes()).nest("/api/v1", version_1)
 }
@@ -84,6 +94,7 @@ fn furnished(routes: Router<AppState>, state: AppState) -> Router {
         bytes_per_s_min: state.configuration.body_min_bytes_per_s,
     };
     let body_max = DefaultBodyLimit::max(state.configuration.body_max_bytes);
+    let slots = Arc::new(Semaphore::new(state.configuration.requests_max));
     routes
         // closest to the handlers, so that a panic is an answer to everything further out
         .route_layer(CatchPanicLayer::custom(panicked))
@@ -92,6 +103,7 @@ fn furnished(routes: Router<AppState>, state: AppState) -> Router {
         .fallback(async || Problem::not_found("There is nothing under this address."))
         .method_not_allowed_fallback(async || Problem::method_not_allowed("This address does not know this method."))
         .layer(body_max)
+        .layer(from_fn_with_state(slots, rate::shed))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(from_fn(observe::observe))
         .layer(from_fn_with_state(pace, pace::watch))

@@ -5,6 +5,8 @@
 //! their SHA-256; `incoming/` the uploads under way. Other rooms keep their own tables in the same database through
 //! [`Store::pool`].
 
+pub mod accounts;
+pub mod audit;
 pub mod cameras;
 pub mod classifiers;
 pub mod idempotency;
@@ -13,6 +15,7 @@ pub mod interior_orientations;
 pub mod keys;
 pub mod mark_templates;
 pub mod orientations;
+pub mod passwords;
 pub mod references;
 pub mod sightings;
 pub mod webhooks;

@@ -1,0 +1,155 @@
+//! The one layer that lets requests through to their routes, and notes what has become of them in the audit log.
+//!
+//! What is guaranteed of the log: a request that is refused with 403, and a login that is refused, have a row before the
+//! client hears of it. A request that has changed something has its row before the client hears of it, too, and gets it
+//! even if the client goes away meanwhile; but the change and the row are two transactions. If the row cannot be written
+//! after the change was, the change stays and is told, the log of the service says so as an error, and
+//! `gable_audit_failures_total` counts it; the same if the process dies between the two, but without a trace.
+
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use tracing::Instrument as _;
+
+use super::identify::identify;
+use super::{Access, Caller, NOBODY, access};
+use crate::http::problem::Problem;
+use crate::http::rate::{self, ClientAddress};
+use crate::http::request_id;
+use crate::http::state::AppState;
+use crate::store::audit::NewEntry;
+
+/// Put into an answer by a handler that knows better than the guard who it was: a login.
+#[derive(Debug, Clone)]
+pub struct Who(pub String);
+
+/// Lets a request through to its route, or refuses it.
+///
+/// # Errors
+/// 401 without a valid key or session, 403 where the role is too low or the route is not in the table, 429 where the
+/// caller asks too often.
+pub async fn guard(
+    State(state): State<AppState>,
+    path: MatchedPath,
+    mut request: Request,
+    next: Next,
+) -> Result<Response, Problem> {
+    let deed = Deed::of(&request, &path);
+    let caller = match admitted(&state, &path, &request).await {
+        Ok(caller) => caller,
+        Err(Refused { problem, who }) => {
+            if problem.status() == StatusCode::FORBIDDEN {
+                deed.note(&state, who, problem.status(), None).await;
+            }
+            return Err(problem);
+        }
+    };
+    let who = caller.as_ref().map(|caller| caller.credential.clone());
+    if let Some(caller) = caller {
+        request.extensions_mut().insert(caller);
+    }
+    if request.method().is_safe() {
+        return Ok(next.run(request).await);
+    }
+    // a task of its own comes to its end even if its client goes away
+    let work = async move {
+        let answer = next.run(request).await;
+        deed.note_answer(&state, who, answer).await
+    };
+    let id = request_id::current().unwrap_or_default();
+    let task = tokio::spawn(request_id::scope(id, work).in_current_span());
+    task.await.map_err(|error| Problem::internal(&error))
+}
+
+/// Why somebody was not let through, and who it was as far as that is known.
+struct Refused {
+    problem: Problem,
+    who: Option<String>,
+}
+
+impl From<Problem> for Refused {
+    fn from(problem: Problem) -> Self {
+        Self { problem, who: None }
+    }
+}
+
+/// The caller, if the route may be called by it; none of a public route.
+async fn admitted(state: &AppState, path: &MatchedPath, request: &Request) -> Result<Option<Caller>, Refused> {
+    let address = request.extensions().get::<ClientAddress>().map(|address| address.caller());
+    let too_often = |wait| Refused::from(rate::refused("You ask too often.", wait));
+    let take = |caller: Option<&str>| caller.map_or(Ok(()), |caller| state.rates.take(caller)).map_err(too_often);
+    let role = match access(request.method(), path.as_str()) {
+        Some(Access::Public) if path.as_str().starts_with("/health/") => return Ok(None),
+        Some(Access::Public) => return take(address.as_deref()).map(|()| None),
+        Some(Access::AtLeast(role)) => role,
+        None => {
+            tracing::error!(method = %request.method(), path = path.as_str(), "route without access rule");
+            return Err(Problem::forbidden("Nobody may call this.").into());
+        }
+    };
+    let caller = match identify(state, request.method(), request.headers()).await {
+        Ok(caller) => caller,
+        Err(problem) => {
+            take(address.as_deref())?;
+            return Err(problem.into());
+        }
+    };
+    // who has made no key yet sits at this machine, and slows down nobody else
+    take(Some(caller.credential.as_str()).filter(|who| *who != super::LOOPBACK))?;
+    if caller.role < role {
+        let problem = Problem::forbidden(format!("Your role is {}; this needs {role}.", caller.role));
+        return Err(Refused { problem, who: Some(caller.credential) });
+    }
+    Ok(Some(caller))
+}
+
+/// What somebody wants to do.
+struct Deed {
+    action: String,
+    object: String,
+    from: Option<ClientAddress>,
+}
+
+impl Deed {
+    fn of(request: &Request, path: &MatchedPath) -> Self {
+        let action = format!("{} {}", request.method(), path.as_str());
+        let from = request.extensions().get().copied();
+        Self { action, object: request.uri().path().to_owned(), from }
+    }
+
+    /// Notes what has changed something, and what was refused by the handler: a login.
+    async fn note_answer(&self, state: &AppState, who: Option<String>, answer: Response) -> Response {
+        let status = answer.status();
+        let told = answer.extensions().get::<Who>().map(|Who(who)| who.clone());
+        let refused = status == StatusCode::FORBIDDEN || (status == StatusCode::UNAUTHORIZED && told.is_some());
+        if status.is_success() || refused {
+            let made = answer.headers().get(header::LOCATION).and_then(|location| location.to_str().ok());
+            let made = made.map(str::to_owned);
+            self.note(state, told.or(who), status, made).await;
+        }
+        answer
+    }
+
+    async fn note(&self, state: &AppState, who: Option<String>, status: StatusCode, made: Option<String>) {
+        let from = self.from.filter(|_| who.is_none()).map(|ClientAddress(address)| format!("{NOBODY} at {address}"));
+        let entry = NewEntry {
+            who: who.or(from).unwrap_or_else(|| NOBODY.to_owned()),
+            action: self.action.clone(),
+            object: made.unwrap_or_else(|| self.object.clone()),
+            status: status.as_u16(),
+            request_id: request_id::current().unwrap_or_default(),
+        };
+        if let Err(error) = state.store.note(entry).await {
+            metrics::counter!("gable_audit_failures_total").increment(1);
+            tracing::error!(%error, action = self.action, status = status.as_u16(), "not noted in the audit log");
+        }
+    }
+}
+
+/// An answer that says who it was, for the audit log.
+pub(in crate::http) fn by(who: String, answer: impl IntoResponse) -> Response {
+    let mut answer = answer.into_response();
+    answer.extensions_mut().insert(Who(who));
+    answer
+}
