@@ -16,6 +16,7 @@ use utoipa::{PartialSchema as _, ToSchema};
 use crate::diagnosis::Policy;
 use crate::imagery::Limits;
 use crate::learning::Costs;
+use crate::store::Place;
 use crate::store::accounts::Lasting;
 use crate::webhooks::{Policy as WebhookPolicy, Secret};
 
@@ -40,6 +41,11 @@ pub struct Configuration {
     /// The data folder: database and pictures.
     #[schema(value_type = String)]
     pub data: PathBuf,
+    /// A PostgreSQL server, as in `postgres://user@host/gable`, in place of SQLite in the data folder.
+    pub database_url: Option<String>,
+    /// A bucket for the images, as in `s3://bucket/prefix`, in place of the data folder. Address, region and keys come from
+    /// `AWS_ENDPOINT_URL`, `AWS_REGION`, `AWS_ACCESS_KEY_ID` and `AWS_SECRET_ACCESS_KEY`.
+    pub objects_url: Option<String>,
     /// What is logged, as in `info,gable=debug`.
     pub log: String,
     /// How it is logged: `text` or `json`.
@@ -81,8 +87,14 @@ pub struct Configuration {
     pub idempotency_kept_s: u64,
     /// The longest `Prefer: wait` that is honoured.
     pub wait_max_s: u64,
-    /// Images oriented at a time; 0 is one for each processor core.
+    /// Whether `gable serve` orients images, or leaves it to `gable work`.
+    pub work: bool,
+    /// Images oriented at a time, each in a process of its own; 0 is one for each processor core.
     pub workers: usize,
+    /// The most memory that the process which orients an image may have; 0 is any.
+    pub worker_memory_max_bytes: u64,
+    /// Threads of each such process; 0 is one for each processor core.
+    pub worker_threads: usize,
     /// Orientations that may wait in the queue; further ones get 503.
     pub queue_max_jobs: u32,
     /// How often an orientation is tried that took the service down with it.
@@ -132,6 +144,8 @@ impl Default for Configuration {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
             data: PathBuf::from("gable-data"),
+            database_url: None,
+            objects_url: None,
             log: String::from("info"),
             log_format: LogFormat::Text,
             upload_max_bytes: 2_000_000_000,
@@ -152,7 +166,10 @@ impl Default for Configuration {
             shutdown_timeout_s: 25,
             idempotency_kept_s: 24 * 3600,
             wait_max_s: 300,
+            work: true,
             workers: 0,
+            worker_memory_max_bytes: 8 << 30,
+            worker_threads: 0,
             queue_max_jobs: 10_000,
             job_max_attempts: 3,
             job_timeout_s: 600,
@@ -276,6 +293,16 @@ impl Configuration {
         match self.workers {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             given => given,
+        }
+    }
+
+    /// Where the store is.
+    #[must_use]
+    pub fn place(&self) -> Place<'_> {
+        Place {
+            folder: &self.data,
+            database_url: self.database_url.as_deref(),
+            objects_url: self.objects_url.as_deref(),
         }
     }
 

@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::configuration::Configuration;
 use crate::http::{self, AppState};
+use crate::jobs::crew::Crew;
 use crate::store::{FolderLock, Store, StoreError};
 use crate::webhooks::{self, SecretError, Sender};
 
@@ -44,6 +45,16 @@ pub enum ServiceError {
     Contract(#[from] serde_json::Error),
 }
 
+/// Where images are oriented.
+pub enum Work {
+    /// In this process.
+    Here,
+    /// In processes of their own.
+    InProcesses(Crew),
+    /// By others that share the database.
+    Elsewhere,
+}
+
 /// A service that has its data folder and its address. It answers as soon as it is run.
 #[derive(Debug)]
 pub struct Service {
@@ -56,7 +67,7 @@ pub struct Service {
 }
 
 /// Orientations under way are told to end when the service is, and heed it between small pieces of work.
-const JOBS_END_PATIENCE: Duration = Duration::from_secs(3);
+const JOBS_END_PATIENCE: Duration = Duration::from_secs(4);
 
 /// What still holds a connection by then was cut off.
 const CLOSE_PATIENCE: Duration = Duration::from_secs(1);
@@ -68,15 +79,38 @@ impl Service {
     /// [`ServiceError`].
     pub async fn begin(store: Store, configuration: Configuration) -> Result<Self, ServiceError> {
         let listen = configuration.listen;
-        let lock = store.lock()?;
         let any_key = store.any_key().await?;
         if !listen.ip().is_loopback() && !any_key {
             return Err(ServiceError::NoKey { listen });
         }
+        let service = Self::begin_with(store, configuration, http::router).await?;
+        if !any_key {
+            tracing::warn!("no key is made yet: every program on this machine is let in as admin");
+        }
+        Ok(service)
+    }
+
+    /// The same for a service that only works, and answers nothing but whether it does.
+    ///
+    /// # Errors
+    /// [`ServiceError`].
+    pub async fn begin_work(store: Store, configuration: Configuration) -> Result<Self, ServiceError> {
+        Self::begin_with(store, configuration, |state| Ok(http::monitoring(state))).await
+    }
+
+    async fn begin_with(
+        store: Store,
+        configuration: Configuration,
+        router: impl FnOnce(AppState) -> Result<Router, serde_json::Error>,
+    ) -> Result<Self, ServiceError> {
+        let listen = configuration.listen;
+        let lock = store.lock()?;
         let fails = |source| ServiceError::Listen { listen, source };
         let listener = TcpListener::bind(listen).await.map_err(fails)?;
         let address = listener.local_addr().map_err(fails)?;
-        store.release_all_idempotency().await?;
+        if !store.database().is_shared() {
+            store.release_all_idempotency().await?;
+        }
         let swept = store.sweep_uploads().await?;
         if swept > 0 {
             tracing::info!(files = swept, "removed what unfinished uploads had left behind");
@@ -84,11 +118,8 @@ impl Service {
         let state = AppState::new(store, configuration);
         state.jobs.prepare().await?;
         let webhooks = sender(&state).await?;
-        let app = http::router(state.clone())?;
+        let app = router(state.clone())?;
         tracing::info!("listening on http://{address}, data in {}", state.store.folder().display());
-        if !any_key {
-            tracing::warn!("no key is made yet: every program on this machine is let in as admin");
-        }
         Ok(Self { state, app, listener, address, webhooks, _lock: lock })
     }
 
@@ -105,12 +136,20 @@ impl Service {
     }
 
     /// Answers and works until `stop` is cancelled, and ends in time.
-    pub async fn run(self, stop: CancellationToken) {
+    pub async fn run(self, work: Work, stop: CancellationToken) {
         let (jobs, stop_jobs) = (self.state.jobs.clone(), stop.clone());
-        let working = tokio::spawn(async move { jobs.run(stop_jobs).await });
+        let working = tokio::spawn(async move {
+            match work {
+                Work::Here => jobs.run(stop_jobs).await,
+                Work::InProcesses(crew) => jobs.run_in_processes(crew, stop_jobs).await,
+                Work::Elsewhere => jobs.tend(stop_jobs).await,
+            }
+        });
+        let watching = tokio::spawn(http::health::watch(self.state.clone(), stop.clone()));
         let telling =
             self.webhooks.map(|sender| tokio::spawn(webhooks::run(self.state.store.clone(), sender, stop.clone())));
         http::serve::serve(self.listener, self.app, &self.state, stop).await;
+        watching.abort();
         if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
             tracing::warn!("orientations under way do not end; they are taken up at the next start");
         }

@@ -44,8 +44,9 @@ const ROOMS: &[Room] = &[
         ],
     ),
     Room("imagery", &["features"]),
-    Room("control", &["geometry", "scenes", "orientation", "pipeline"]),
-    Room("store", &["geometry"]),
+    Room("database", &[]),
+    Room("control", &["geometry", "scenes", "orientation", "pipeline", "database"]),
+    Room("store", &["geometry", "database"]),
     Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
         "jobs",
@@ -62,6 +63,7 @@ const ROOMS: &[Room] = &[
             "pipeline",
             "classifiers",
             "imagery",
+            "database",
             "control",
             "store",
             "report",
@@ -82,6 +84,7 @@ const ROOMS: &[Room] = &[
             "pipeline",
             "classifiers",
             "imagery",
+            "database",
             "control",
             "store",
             "report",
@@ -90,7 +93,7 @@ const ROOMS: &[Room] = &[
             "configuration",
         ],
     ),
-    Room("service", &["store", "webhooks", "configuration", "http"]),
+    Room("service", &["store", "jobs", "webhooks", "configuration", "http"]),
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.

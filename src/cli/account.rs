@@ -87,7 +87,7 @@ impl AccountCommand {
 }
 
 async fn open(settings: &Settings) -> anyhow::Result<Store> {
-    Ok(Store::open(&settings.gather(&[])?.data).await?)
+    Ok(Store::connect(&settings.gather(&[])?.place()).await?)
 }
 
 async fn new(store: &Store, name: &str, role: Role) -> anyhow::Result<()> {

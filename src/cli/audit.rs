@@ -31,7 +31,7 @@ enum Action {
 impl Audit {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         let Action::Verify { settings } = self.action;
-        let store = Store::open(&settings.gather(&[])?.data).await?;
+        let store = Store::connect(&settings.gather(&[])?.place()).await?;
         match store.verify_audit().await? {
             Verified::Whole { rows, sha256 } => {
                 let sha256: String = sha256.iter().map(|byte| format!("{byte:02x}")).collect();

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use clap::Args;
 use gable::http::serve::stop_on_signals;
-use gable::service::Service;
+use gable::service::{Service, Work};
 use gable::simulation::{Scene, SceneSettings};
 use gable::store::Store;
 use indicatif::ProgressBar;
@@ -60,7 +60,7 @@ impl Demo {
         let quiet = std::env::var_os("GABLE_LOG").is_none().then(|| "error".to_owned());
         let free_port = self.exit.then(|| SocketAddr::from(([127, 0, 0, 1], 0)));
         let listen = self.listen.or(free_port).map(|address| address.to_string());
-        let settings = Settings { data: Some(folder.clone()), config: None };
+        let settings = Settings { data: Some(folder.clone()), ..Settings::default() };
         let configuration = settings.gather(&[("log", quiet), ("listen", listen)])?;
         let stop = stop_on_signals().context("signals cannot be caught")?;
         let told = tokio::select! {
@@ -74,7 +74,7 @@ impl Demo {
         let address = format!("http://{}", service.address());
         step.end(&format!("began a service on {address} with a new database in {}", folder.display()))?;
         let client = Client::of(&service)?;
-        let serving = tokio::spawn(service.run(stop.clone()));
+        let serving = tokio::spawn(service.run(Work::Here, stop.clone()));
         let told = tokio::select! {
             told = self.orient(&scene, photograph, &client) => told,
             () = stop.cancelled() => Err(anyhow::anyhow!("interrupted")),

@@ -96,7 +96,7 @@ impl Import {
     async fn buildings(&self, file: &Path, crs: &Crs, configuration: &Configuration) -> anyhow::Result<ImportReport> {
         warn_of_heights(crs, self.geoid_undulation_m);
         let parsed = parse(file, crs.clone(), self.geoid_undulation_m).await?;
-        let store = Store::open(&configuration.data).await?;
+        let store = Store::connect(&configuration.place()).await?;
         let bar = bar(parsed.control_points.len());
         let imported = points::import(store.database(), parsed, self.mode, |done| bar.set_position(done as u64)).await;
         bar.finish_and_clear();
@@ -106,7 +106,7 @@ impl Import {
 
     async fn scenes(&self, file: &Path, configuration: &Configuration) -> anyhow::Result<ImportReport> {
         let list = SceneList::read(file)?;
-        let store = Store::open(&configuration.data).await?;
+        let store = Store::connect(&configuration.place()).await?;
         let bar = bar(list.len());
         let progress = |done| bar.set_position(done as u64);
         let imported = scenes::import(store.database(), &list, &Bounds::of(configuration), self.mode, progress).await;

@@ -69,8 +69,8 @@ impl Interior {
         let configuration = self.settings.gather(&[("log", quiet)])?;
         let limits = configuration.image_limits();
         // a data folder is only made use of, never made
-        let store = match configuration.data.join("gable.db").exists() {
-            true => Some(Store::open(&configuration.data).await?),
+        let store = match configuration.database_url.is_some() || configuration.data.join("gable.db").exists() {
+            true => Some(Store::connect(&configuration.place()).await?),
             false => None,
         };
         let camera = film_camera(&self.camera, store.as_ref()).await?;

@@ -83,7 +83,7 @@ impl Key {
 }
 
 async fn open(settings: &Settings) -> anyhow::Result<Store> {
-    Ok(Store::open(&settings.gather(&[])?.data).await?)
+    Ok(Store::connect(&settings.gather(&[])?.place()).await?)
 }
 
 async fn new(store: &Store, role: Role, name: &str, expires: Option<DateTime<Utc>>) -> anyhow::Result<()> {

@@ -9,6 +9,7 @@ mod evaluate;
 mod import;
 mod interior;
 mod key;
+mod migrate;
 mod openapi;
 mod orient;
 mod scan;
@@ -19,6 +20,8 @@ mod sets;
 mod simulate;
 mod train;
 mod webhook;
+mod work;
+mod worker;
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
@@ -45,6 +48,10 @@ struct Cli {
 enum Command {
     Demo(demo::Demo),
     Serve(serve::Serve),
+    Work(work::WorkCommand),
+    #[command(hide = true)]
+    Worker(worker::Worker),
+    Migrate(migrate::Migrate),
     Import(import::Import),
     Orient(Box<orient::Orient>),
     Interior(interior::Interior),
@@ -65,6 +72,9 @@ impl Command {
         match self {
             Self::Demo(command) => command.run().await,
             Self::Serve(command) => command.run().await,
+            Self::Work(command) => command.run().await,
+            Self::Worker(command) => command.run().await,
+            Self::Migrate(command) => command.run().await,
             Self::Import(command) => command.run().await,
             Self::Orient(command) => command.run().await,
             Self::Interior(command) => command.run().await,
@@ -83,11 +93,17 @@ impl Command {
 }
 
 /// Where the settings come from; for every command that uses the data folder.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 struct Settings {
     /// Data folder: database and pictures. [env: GABLE_DATA] [default: gable-data]
     #[arg(long, value_name = "FOLDER")]
     data: Option<PathBuf>,
+    /// PostgreSQL in place of SQLite in the data folder. [env: GABLE_DATABASE_URL]
+    #[arg(long, value_name = "URL")]
+    database_url: Option<String>,
+    /// Bucket for the images in place of the data folder. [env: GABLE_OBJECTS_URL]
+    #[arg(long, value_name = "S3-URL")]
+    objects_url: Option<String>,
     /// TOML file with settings.
     #[arg(long, value_name = "FILE", env = "GABLE_CONFIG")]
     config: Option<PathBuf>,
@@ -98,7 +114,9 @@ impl Settings {
     fn gather(&self, flags: &[(&'static str, Option<String>)]) -> anyhow::Result<Configuration> {
         let data = self.data.as_ref().map(|folder| folder.to_string_lossy().into_owned());
         let given = |(name, value): (&'static str, Option<String>)| value.map(|value| (name, value));
-        let flags: Vec<_> = flags.iter().cloned().chain([("data", data)]).filter_map(given).collect();
+        let places =
+            [("data", data), ("database_url", self.database_url.clone()), ("objects_url", self.objects_url.clone())];
+        let flags: Vec<_> = flags.iter().cloned().chain(places).filter_map(given).collect();
         let environment = std::env::vars_os()
             .filter_map(|(name, value)| Some((name.into_string().ok()?, value.to_string_lossy().into_owned())));
         let (configuration, ignored) = Configuration::gather(self.config.as_deref(), environment, &flags)?;

@@ -11,6 +11,7 @@ use clap::Args;
 use gable::control::geojson::Rejection;
 use gable::control::near::Reach;
 use gable::control::{Mode, points};
+use gable::database::Database;
 use gable::geometry::Crs;
 use gable::http::cameras::CameraRequest;
 use gable::http::extract::parse_json;
@@ -219,7 +220,9 @@ impl Orient {
         let with_files = self.control.is_some() || self.scenes.is_some();
         let store = match with_files {
             false => Some(open_existing(&configuration.data).await?),
-            true if configuration.data.join("gable.db").exists() => Some(Store::open(&configuration.data).await?),
+            true if configuration.database_url.is_some() || configuration.data.join("gable.db").exists() => {
+                Some(Store::connect(&configuration.place()).await?)
+            }
             true => None,
         };
         let camera = self.camera(store.as_ref()).await?;
@@ -268,6 +271,7 @@ impl Orient {
             control: self.control_choice,
             interior_orientation: self.scan.request(),
             output_crs: self.output_crs.clone(),
+            priority: None,
             webhook: None,
         })
     }

@@ -3,11 +3,11 @@
 use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
-use Database;
 use anyhow::Context as _;
 use gable::configuration::Configuration;
 use gable::control::geojson::Rejection;
 use gable::control::{ImportReport, Mode, scenes};
+use gable::database::Database;
 use gable::http::control_scenes::{CheckedScene, ControlSceneRequest};
 use gable::imagery::Limits;
 use gable::store::now;

@@ -4,11 +4,12 @@ use anyhow::Context as _;
 use clap::Args;
 use gable::configuration::{Configuration, ConfigurationError, Setting};
 use gable::http::serve::stop_on_signals;
-use gable::service::Service;
+use gable::service::{Service, Work};
 use gable::store::Store;
 use gable::store::keys::Role;
 
 use super::Settings;
+use super::worker::crew;
 
 const BOOTSTRAP_KEY: &str = "GABLE_BOOTSTRAP_KEY";
 const BOOTSTRAP_KEY_MIN_CHARACTERS: usize = 32;
@@ -32,6 +33,12 @@ pub(crate) struct Serve {
     /// Address and port. [env: GABLE_LISTEN] [default: 127.0.0.1:8080]
     #[arg(long, value_name = "ADDRESS:PORT")]
     listen: Option<String>,
+    /// Leave the orienting to `gable work` on other machines; needs a PostgreSQL. [env: GABLE_WORK=false]
+    #[arg(long)]
+    no_work: bool,
+    /// Images oriented at a time. [env: GABLE_WORKERS] [default: one for each core]
+    #[arg(long, value_name = "N")]
+    workers: Option<String>,
     #[command(flatten)]
     settings: Settings,
 }
@@ -47,11 +54,14 @@ fn settings() -> String {
 
 impl Serve {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
-        let configuration = self.settings.gather(&[("listen", self.listen)])?;
-        let store = Store::open(&configuration.data).await?;
+        let no_work = self.no_work.then(|| "false".to_owned());
+        let flags = [("listen", self.listen), ("workers", self.workers), ("work", no_work)];
+        let configuration = self.settings.gather(&flags)?;
+        let store = Store::connect(&configuration.place()).await?;
         make_bootstrap_key(&store).await?;
         let stop = stop_on_signals().context("signals cannot be caught")?;
-        Service::begin(store, configuration).await?.run(stop).await;
+        let work = if configuration.work { Work::InProcesses(crew(&configuration)?) } else { Work::Elsewhere };
+        Service::begin(store, configuration).await?.run(work, stop).await;
         Ok(())
     }
 }

@@ -28,7 +28,7 @@ impl Webhook {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         let Action::Secret { settings } = self.action;
         let configuration = settings.gather(&[])?;
-        let store = Store::open(&configuration.data).await?;
+        let store = Store::connect(&configuration.place()).await?;
         let secret = webhooks::secret(&store, configuration.webhook_secret.as_deref()).await?;
         print(&secret.to_string())
     }

@@ -3,7 +3,7 @@ use rstest::rstest;
 use serde_json::{Value, json};
 
 use super::*;
-use crate::database::Database;
+use crate::database::{Database, query};
 use crate::geometry::{Brown, Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
 use crate::pipeline::Approximation;
 use near::Reach;
@@ -13,7 +13,10 @@ fn geographic() -> Crs {
 }
 
 async fn database() -> Database {
-    Database::in_memory().await.unwrap()
+    match crate::store::scratch::database_url().await {
+        Some(url) => Database::postgres(&url).await.unwrap(),
+        None => Database::in_memory().await.unwrap(),
+    }
 }
 
 fn feature(name: &str, lon: f64, lat: f64, height: f64) -> Value {
@@ -270,7 +273,7 @@ fn content(name: &str, geocentric_m: Vector3<f64>) -> SceneContent {
 
 async fn add(database: &Database, content: &SceneContent) -> scenes::Written {
     let now = chrono::DateTime::from_timestamp(1_800_000_000, 0).unwrap();
-    scenes::write(pool, uuid::Uuid::now_v7(), content, b"abc", now).await.unwrap()
+    scenes::write(database, uuid::Uuid::now_v7(), content, b"abc", now).await.unwrap()
 }
 
 #[tokio::test]

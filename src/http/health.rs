@@ -7,6 +7,7 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::{Json, response::IntoResponse};
 use serde::Serialize;
+use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -14,6 +15,7 @@ use utoipa_axum::routes;
 use super::state::AppState;
 
 const DATABASE_TIMEOUT: Duration = Duration::from_secs(2);
+const WATCH_INTERVAL: Duration = Duration::from_secs(5);
 
 /// The routes of the health checks.
 pub fn routes() -> OpenApiRouter<AppState> {
@@ -50,15 +52,37 @@ async fn live() -> Json<Health> {
         (status = 503, description = "It cannot, for the reasons named", body = Health),
     ))]
 async fn ready(State(state): State<AppState>) -> impl IntoResponse {
+    let not_ready = not_ready(&state).await;
+    if not_ready.is_empty() {
+        (StatusCode::OK, Json(Health { status: "ready", not_ready }))
+    } else {
+        (StatusCode::SERVICE_UNAVAILABLE, Json(Health { status: "not ready", not_ready }))
+    }
+}
+
+/// Records whether the service can do its work, until `stop`.
+pub async fn watch(state: AppState, stop: CancellationToken) {
+    while !stop.is_cancelled() {
+        let ready = not_ready(&state).await.is_empty();
+        metrics::gauge!("gable_ready").set(if ready { 1.0 } else { 0.0 });
+        if let Ok(free) = state.store.free_bytes() {
+            metrics::gauge!("gable_disk_free_bytes").set(free as f64);
+        }
+        let _ = tokio::time::timeout(WATCH_INTERVAL, stop.cancelled()).await;
+    }
+}
+
+/// The parts that cannot do their work, with the reasons.
+async fn not_ready(state: &AppState) -> BTreeMap<&'static str, String> {
     let mut not_ready = state.readiness.blocked();
     match tokio::time::timeout(DATABASE_TIMEOUT, state.store.ping()).await {
         Ok(Ok(())) => {
-            if let Some(reason) = classifier_fault(&state).await {
+            if let Some(reason) = classifier_fault(state).await {
                 not_ready.insert("classifier", reason);
             }
         }
         Ok(Err(error)) => {
-            tracing::error!(%error, "the database does not answer");
+            tracing::error!(%error, "the database or the object store does not answer");
             not_ready.insert("database", String::from("does not answer"));
         }
         Err(_) => {
@@ -75,11 +99,10 @@ async fn ready(State(state): State<AppState>) -> impl IntoResponse {
             not_ready.insert("disk", String::from("does not answer"));
         }
     }
-    if not_ready.is_empty() {
-        (StatusCode::OK, Json(Health { status: "ready", not_ready }))
-    } else {
-        (StatusCode::SERVICE_UNAVAILABLE, Json(Health { status: "not ready", not_ready }))
+    if let Some(reason) = state.jobs.crew_fault() {
+        not_ready.insert("workers", reason);
     }
+    not_ready
 }
 
 /// Why the active classifier cannot decide, asked of a database that has just answered.

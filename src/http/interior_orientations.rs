@@ -95,7 +95,7 @@ async fn create(
 ) -> Result<Response, Problem> {
     let image = image(&state, &request.image).await?;
     let (camera_id, camera) = film_camera(&state, &request.camera).await?;
-    let (path, limits) = (state.store.image_path(&image.sha256), state.configuration.image_limits());
+    let (path, limits) = (state.store.image_file(&image.sha256).await?, state.configuration.image_limits());
     let work = move || interior::oriented(&path, &limits, &camera, &request);
     let (prepared, result) = at_a_time(&state, work).await??;
     let json = |value: serde_json::Result<String>| value.map_err(|error| Problem::internal(&error));
@@ -235,13 +235,12 @@ impl From<InteriorError> for Problem {
 mod tests {
     use super::*;
     use crate::configuration::Configuration;
-    use crate::store::Store;
 
     #[tokio::test]
     async fn who_comes_when_too_many_are_worked_on_is_asked_to_come_back() {
         let folder = tempfile::tempdir().unwrap();
         let configuration = Configuration { workers: 1, ..Configuration::default() };
-        let state = AppState::new(Store::open(folder.path()).await.unwrap(), configuration);
+        let state = AppState::new(crate::store::scratch::store(folder.path()).await, configuration);
         let permit = permitted(&state, Duration::ZERO).await.unwrap();
         let refused = permitted(&state, Duration::from_millis(20)).await.unwrap_err();
         assert_eq!(refused.status(), StatusCode::SERVICE_UNAVAILABLE);

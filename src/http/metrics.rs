@@ -57,5 +57,15 @@ fn install() -> Option<PrometheusHandle> {
     metrics::describe_counter!("gable_webhooks_total", "Tries to tell that an orientation has ended, by outcome.");
     metrics::describe_counter!("gable_audit_failures_total", "Changes and refusals that the audit log lacks.");
     metrics::describe_gauge!("gable_connections", "Connections that are open.");
+    metrics::describe_counter!("gable_orientations_total", "Orientations that have ended, by status and verdict.");
+    metrics::describe_histogram!("gable_orientation_duration_seconds", "Time of an attempt at an orientation.");
+    metrics::describe_histogram!("gable_stage_duration_seconds", "Time of a stage of an attempt.");
+    metrics::describe_counter!("gable_attempts_total", "Attempts at orientations, by what they came to.");
+    metrics::describe_gauge!("gable_queue_depth", "Orientations that wait.");
+    metrics::describe_gauge!("gable_queue_oldest_seconds", "How long the one that has waited longest has waited.");
+    metrics::describe_gauge!("gable_workers", "Worker processes of this machine that are alive.");
+    metrics::describe_counter!("gable_worker_crashes_total", "Worker processes that have ended by themselves.");
+    metrics::describe_gauge!("gable_disk_free_bytes", "Room on the disk of the data folder.");
+    metrics::describe_gauge!("gable_ready", "1 if /health/ready says so.");
     installed.inspect_err(|error| tracing::error!(%error, "no metrics")).ok()
 }

@@ -86,6 +86,13 @@ pub fn router(state: AppState) -> Result<Router, serde_json::Error> {
     Ok(furnished(routes.merge(openapi::pages()).layer(axum::Extension(document)), state))
 }
 
+/// What a service answers that only works: health and figures.
+#[must_use]
+pub fn monitoring(state: AppState) -> Router {
+    let routes = OpenApiRouter::new().merge(health::routes()).merge(metrics::routes());
+    furnished(routes.split_for_parts().0, state)
+}
+
 /// Puts everything around the routes that all of them have in common.
 fn furnished(routes: Router<AppState>, state: AppState) -> Router {
     metrics::begin_recording();
@@ -128,7 +135,7 @@ mod tests {
     #[tokio::test]
     async fn panic_is_an_internal_problem_that_tells_nothing_but_the_request_s_id() {
         let folder = tempfile::tempdir().unwrap();
-        let store = crate::store::Store::open(folder.path()).await.unwrap();
+        let store = crate::store::scratch::store(folder.path()).await;
         let state = AppState::new(store, crate::configuration::Configuration::default());
         async fn breaks() {
             panic!("secret")

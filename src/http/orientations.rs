@@ -154,7 +154,7 @@ async fn facts(state: &AppState, image: &Image, request: &OrientationRequest) ->
     if request.approximation.position.is_some() && request.approximation.kappa_deg.is_some() {
         return Ok(ImageFacts { size_px, ..ImageFacts::default() });
     }
-    let (path, limits) = (state.store.image_path(&image.sha256), state.configuration.image_limits());
+    let (path, limits) = (state.store.image_file(&image.sha256).await?, state.configuration.image_limits());
     let probed = tokio::task::spawn_blocking(move || imagery::probe(&path, &limits)).await;
     match probed.map_err(|error| Problem::internal(&error))? {
         Ok(probe) => Ok(ImageFacts::from(&probe)),

@@ -57,14 +57,7 @@ impl AppState {
     /// The state of a service that orients images by another pipeline.
     #[must_use]
     pub fn with_pipeline(store: Store, configuration: Configuration, orient: Orient) -> Self {
-        let settings = Settings {
-            workers: configuration.worker_count(),
-            queue_max: configuration.queue_max_jobs,
-            max_attempts: configuration.job_max_attempts,
-            timeout: Duration::from_secs(configuration.job_timeout_s),
-            limits: configuration.image_limits(),
-            reach: Reach::default(),
-        };
+        let settings = job_settings(&configuration);
         let scans = settings.workers;
         let rates = Rates::new(configuration.rate_per_s, configuration.rate_burst);
         Self {
@@ -122,6 +115,19 @@ impl AppState {
         let made = self.store.any_key().await?;
         self.key_was_made.fetch_or(made, Ordering::Relaxed);
         Ok(made)
+    }
+}
+
+/// The bounds on the work that the settings say.
+#[must_use]
+pub fn job_settings(configuration: &Configuration) -> Settings {
+    Settings {
+        workers: configuration.worker_count(),
+        queue_max: configuration.queue_max_jobs,
+        max_attempts: configuration.job_max_attempts,
+        timeout: Duration::from_secs(configuration.job_timeout_s),
+        limits: configuration.image_limits(),
+        reach: Reach::default(),
     }
 }
 

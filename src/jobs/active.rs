@@ -108,7 +108,7 @@ mod tests {
     #[tokio::test]
     async fn the_one_that_was_activated_last_decides_until_it_is_rolled_back() {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(folder.path()).await.unwrap();
+        let store = crate::store::scratch::store(folder.path()).await;
         let active = ActiveClassifier::default();
         let decides = async || {
             let named = active.get(&store).await.unwrap();
@@ -135,7 +135,7 @@ mod tests {
     #[tokio::test]
     async fn a_classifier_that_cannot_be_read_is_named() {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(folder.path()).await.unwrap();
+        let store = crate::store::scratch::store(folder.path()).await;
         let (waiting, active) = (Uuid::now_v7(), ActiveClassifier::default());
         assert!(store.queue_classifier(waiting, "waiting", "{}").await.unwrap());
         let texts = quickly_trained(Kind::OneFeature);

@@ -9,10 +9,11 @@ use uuid::Uuid;
 
 use super::active::ActiveError;
 use super::camera_model::{CameraModelError, camera_model};
+use super::feed::{Change, Told};
 use super::request::{CameraModel, Prepared, Work};
 use super::scenes::ControlNear;
 use super::watcher::{Signal, Watcher};
-use super::{Change, Inner, Orient};
+use super::{Inner, Orient};
 use crate::classifiers::Record;
 use crate::control::ControlError;
 use crate::diagnosis::Verdict;
@@ -202,6 +203,17 @@ enum Ending {
     Cancelled,
 }
 
+impl Ending {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Finished(_) => "finished",
+            Self::GivenUp(_) => "given_up",
+            Self::Again { .. } => "again",
+            Self::Cancelled => "cancelled",
+        }
+    }
+}
+
 impl Inner {
     /// Takes an orientation as far as it goes. Whatever happens, its row says so afterwards.
     pub(super) async fn attempt(self: Arc<Self>, id: Uuid) {
@@ -225,11 +237,15 @@ impl Inner {
         let ending = if orientation.attempts > self.settings.max_attempts {
             self.too_often(orientation.fate.as_deref())
         } else {
-            let _ = self.changes.send(Change { id, status: Status::Running, stage: None, progress: 0.0 });
+            let begun = Change { id, status: Status::Running, stage: None, progress: 0.0 };
+            self.teller.tell(Told::Change(begun.clone()));
+            self.tell_others(&begun).await;
             let began = Instant::now();
             let worked = self.clone().work(&orientation, claim, signal.clone()).await;
-            metrics::histogram!("gable_orientation_duration_seconds").record(began.elapsed().as_secs_f64());
-            worked.map_or_else(|error| self.ending(&orientation, &error, &signal), Ending::Finished)
+            let ending = worked.map_or_else(|error| self.ending(&orientation, &error, &signal), Ending::Finished);
+            let (outcome, seconds) = (ending.name().into(), began.elapsed().as_secs_f64());
+            self.teller.tell(Told::Attempt { outcome, seconds });
+            ending
         };
         self.insist(id, || self.write(claim, &orientation, &ending)).await;
     }
@@ -267,7 +283,7 @@ impl Inner {
         let Loaded { path, prepared, work, control } = self.load(orientation).await?;
         let [buildings, scenes] = control.counts();
         tracing::info!(id = %orientation.id, attempt = orientation.attempts, buildings, scenes, "orienting");
-        let (watcher, noted) = Watcher::new(orientation.id, signal.clone(), self.changes.clone());
+        let (watcher, noted) = Watcher::new(orientation.id, signal.clone(), self.teller.clone());
         let (orient, limits) = (self.orient.clone(), self.settings.limits.clone());
         let incoming = self.store.folder().join(INCOMING);
         let mut blocking = tokio::task::spawn_blocking(move || {
@@ -298,7 +314,7 @@ impl Inner {
         let prepared: Prepared = serde_json::from_str(&orientation.prepared)?;
         let work = prepared.work(camera, &self.active.get(&self.store).await?)?;
         let control = ControlNear::find(self.store.database(), &work, self.settings.reach, prepared.kinds()).await?;
-        Ok(Loaded { path: self.store.image_path(&image.sha256), prepared, work, control })
+        Ok(Loaded { path: self.store.image_file(&image.sha256).await?, prepared, work, control })
     }
 
     /// Writes the progress to the row, now and then, which keeps the lease; and interrupts an attempt that is nobody's any
@@ -311,7 +327,10 @@ impl Inner {
             let held = if news || kept.elapsed() >= HEARTBEAT {
                 kept = Instant::now();
                 let (stage, fraction) = *noted.borrow_and_update();
-                self.store.note_progress(claim, stage, fraction).await
+                let held = self.store.note_progress(claim, stage, fraction).await;
+                let stage = Some(stage.into());
+                self.tell_others(&Change { id: claim.id, status: Status::Running, stage, progress: fraction }).await;
+                held
             } else {
                 self.store.holds(claim).await
             };
@@ -358,13 +377,13 @@ impl Inner {
             Ending::Finished(finished) => {
                 if self.store.finish(claim, finished).await? {
                     tracing::info!(%id, verdict = finished.verdict, "oriented");
-                    self.ended(id, Status::Succeeded, Some(&finished.verdict));
+                    self.ended(id, Status::Succeeded, Some(&finished.verdict)).await;
                 }
             }
             Ending::GivenUp(failure) => {
                 if self.store.fail(claim, failure).await? {
                     tracing::warn!(%id, code = failure.code, detail = failure.detail, "failed");
-                    self.ended(id, Status::Failed, None);
+                    self.ended(id, Status::Failed, None).await;
                 }
             }
             Ending::Again { counted } => {
@@ -372,17 +391,12 @@ impl Inner {
                 if orientations::release(&mut transaction, claim, *counted).await? {
                     self.queue.push(&mut transaction, id, orientation.turn).await?;
                     transaction.commit().await?;
-                    self.queue.announce();
+                    self.call_workers().await;
                 }
             }
             Ending::Cancelled => {}
         }
-        self.count_queue().await
-    }
-
-    async fn count_queue(&self) -> Result<(), StoreError> {
-        let mut transaction = self.store.database().begin().await?;
-        self.gauge_queue(orientations::queued(&mut transaction).await? as usize);
+        self.gauge_queue(self.store.queued().await? as usize);
         Ok(())
     }
 }

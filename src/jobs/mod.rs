@@ -8,7 +8,9 @@
 pub mod active;
 mod attempt;
 pub mod camera_model;
+pub mod crew;
 pub mod drift;
+mod feed;
 pub mod film_camera;
 pub mod interior;
 mod queue;
@@ -18,18 +20,21 @@ pub mod scenes;
 mod tests;
 pub mod training;
 mod watcher;
+pub mod worker;
 
 use std::collections::HashMap;
 use std::fmt;
+use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use tokio::sync::{Notify, Semaphore, broadcast};
+use tokio::sync::{Notify, Semaphore, broadcast, mpsc};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use uuid::Uuid;
 
 pub use attempt::{AttemptError, Oriented, oriented};
+pub use feed::Change;
 
 use active::ActiveClassifier;
 
@@ -41,6 +46,7 @@ use crate::pipeline::{Fault, Observer, Outcome, Task};
 use crate::report::overlay::{self, Drawing};
 use crate::store::orientations::{self, Abandoned, NewOrientation, Orientation, Status};
 use crate::store::{Store, StoreError};
+use feed::{Teller, Told};
 use queue::{Handler, Queue};
 use watcher::Signal;
 
@@ -48,9 +54,14 @@ use watcher::Signal;
 pub type Orient =
     Arc<dyn Fn(&dyn Picture, &[ControlPoint], &Task, &dyn Observer) -> Result<Outcome, Fault> + Send + Sync>;
 
-/// Changes that a slow listener may be behind by before it misses some.
-const CHANGES_KEPT: usize = 1024;
-const TIDY_INTERVAL: Duration = Duration::from_secs(600);
+/// How often it is looked for attempts whose lease has run out.
+const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+/// So many looks are between two times that the queue is tidied, and its figures are told.
+const TIDY_EVERY: u32 = 5;
+/// So many looks are between two times that the drift is measured.
+const DRIFT_EVERY: u32 = 300;
+/// How often one who waits for an orientation looks at its row, should nobody tell him.
+const WAIT_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Bounds on the work.
 #[derive(Debug, Clone)]
@@ -67,19 +78,6 @@ pub struct Settings {
     pub limits: Limits,
     /// How far control points are looked for.
     pub reach: Reach,
-}
-
-/// Something has happened to an orientation.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Change {
-    /// Which one.
-    pub id: Uuid,
-    /// How far it is.
-    pub status: Status,
-    /// The stage it has come to, if it is running.
-    pub stage: Option<&'static str>,
-    /// 0 to 1.
-    pub progress: f64,
 }
 
 /// Why an orientation was not accepted.
@@ -108,7 +106,11 @@ struct Inner {
     settings: Settings,
     orient: Orient,
     queue: Queue,
-    changes: broadcast::Sender<Change>,
+    teller: Teller,
+    /// To worker processes.
+    work_added: broadcast::Sender<()>,
+    workers_wanted: AtomicUsize,
+    workers_alive: AtomicUsize,
     running: Mutex<HashMap<Uuid, Arc<Signal>>>,
     stopping: CancellationToken,
     drawing: Arc<Semaphore>,
@@ -126,34 +128,46 @@ impl Jobs {
     /// The jobs over a store. Nothing runs before [`Self::run`].
     #[must_use]
     pub fn new(store: Store, settings: Settings, orient: Orient) -> Self {
-        let queue = Queue::new(store.database().clone());
-        let (changes, _) = broadcast::channel(CHANGES_KEPT);
-        let (running, stopping) = (Mutex::default(), CancellationToken::new());
-        let drawing = Arc::new(Semaphore::new(settings.workers));
-        let (active, to_train) = (ActiveClassifier::default(), Notify::new());
-        let inner = Inner {
-            worker: Uuid::now_v7(),
-            store,
-            settings,
-            orient,
-            queue,
-            changes,
-            running,
-            stopping,
-            drawing,
-            active,
-            to_train,
-        };
-        Self(Arc::new(inner))
+        Self::made(store, settings, orient, Uuid::now_v7(), Teller::new(None))
     }
 
-    /// Makes the tables of the queue, and takes up again what a former process has left.
+    /// The jobs of a worker process.
+    fn of_worker(
+        store: Store,
+        settings: Settings,
+        orient: Orient,
+        worker: Uuid,
+        parent: mpsc::UnboundedSender<Told>,
+    ) -> Self {
+        Self::made(store, settings, orient, worker, Teller::new(Some(parent)))
+    }
+
+    fn made(store: Store, settings: Settings, orient: Orient, worker: Uuid, teller: Teller) -> Self {
+        Self(Arc::new(Inner {
+            worker,
+            queue: Queue::new(store.database().clone()),
+            store,
+            teller,
+            work_added: broadcast::channel(1).0,
+            workers_wanted: AtomicUsize::new(0),
+            workers_alive: AtomicUsize::new(0),
+            running: Mutex::default(),
+            stopping: CancellationToken::new(),
+            drawing: Arc::new(Semaphore::new(settings.workers.max(1))),
+            settings,
+            orient,
+            active: ActiveClassifier::default(),
+            to_train: Notify::new(),
+        }))
+    }
+
+    /// Takes up again what a former process has left. With a shared database others may be at work: there it is found by
+    /// its leases.
     ///
     /// # Errors
     /// [`StoreError`].
     pub async fn prepare(&self) -> Result<(), StoreError> {
         if self.0.store.database().is_shared() {
-            // others are at work: what was abandoned is found by its lease
             return Ok(());
         }
         let mut transaction = self.0.store.begin_write().await?;
@@ -171,8 +185,13 @@ impl Jobs {
         Ok(())
     }
 
-    /// Works until `stop`. Then attempts under way are interrupted, and wait again for the next start.
+    /// Works in this process until `stop`, and looks after the queue.
     pub async fn run(&self, stop: CancellationToken) {
+        tokio::join!(self.work(stop.clone()), self.tend(stop));
+    }
+
+    /// Works until `stop`. Then attempts under way are interrupted, and wait again.
+    pub(crate) async fn work(&self, stop: CancellationToken) {
         // attempts are tasks of their own: the queue may drop what it has handed out when it ends
         let attempts = TaskTracker::new();
         let quiet = CancellationToken::new();
@@ -197,25 +216,45 @@ impl Jobs {
             attempts.wait().await;
             quiet.cancel();
         };
-        let training = tokio::spawn(self.0.clone().train());
         let deliver = self.0.queue.deliver(self.0.settings.workers, handler, quiet.clone());
-        tokio::select! {
-            ((), ()) = async { tokio::join!(deliver, interrupt) } => {}
-            () = self.tidy() => {}
-        }
+        tokio::join!(deliver, interrupt);
         attempts.wait().await;
+    }
+
+    /// Looks after the queue until `stop`: attempts that nobody ends any more, trainings, figures, and what other
+    /// services tell.
+    pub async fn tend(&self, stop: CancellationToken) {
+        let ending = async {
+            stop.cancelled().await;
+            self.0.stopping.cancel();
+        };
+        let training = tokio::spawn(self.0.clone().train());
+        tokio::select! {
+            () = ending => {}
+            () = self.tidy() => {}
+            () = self.0.listen() => {}
+        }
         if let Err(error) = training.await {
             tracing::error!(%error, "the training of classifiers has panicked");
         }
     }
 
     async fn tidy(&self) {
-        loop {
-            self.0.gauge_drift().await;
-            tokio::time::sleep(TIDY_INTERVAL).await;
-            if let Err(error) = self.0.queue.forget_done().await {
+        for look in 0_u32.. {
+            if let Err(error) =
+                self.0.recover(Abandoned::Late, "nothing was heard of it for longer than its lease").await
+            {
+                tracing::warn!(%error, "it could not be looked for abandoned attempts");
+            }
+            if look.is_multiple_of(TIDY_EVERY)
+                && let Err(error) = self.0.tidy_queue().await
+            {
                 tracing::warn!(%error, "the queue could not be tidied");
             }
+            if look.is_multiple_of(DRIFT_EVERY) {
+                self.0.gauge_drift().await;
+            }
+            tokio::time::sleep(LOOK_INTERVAL).await;
         }
     }
 
@@ -234,7 +273,7 @@ impl Jobs {
             }
             self.0.queue.push(&mut transaction, new.id, turn).await?;
             transaction.commit().await.map_err(StoreError::from)?;
-            self.0.queue.announce();
+            self.0.call_workers().await;
             self.0.gauge_queue(waiting as usize + 1);
         }
         Ok(())
@@ -263,7 +302,7 @@ impl Jobs {
             if let Some(signal) = self.0.running().get(&id) {
                 signal.interrupt();
             }
-            self.0.ended(id, Status::Cancelled, None);
+            self.0.ended(id, Status::Cancelled, None).await;
         }
         Ok(cancelled)
     }
@@ -271,7 +310,7 @@ impl Jobs {
     /// What happens from now on, to all orientations.
     #[must_use]
     pub fn subscribe(&self) -> broadcast::Receiver<Change> {
-        self.0.changes.subscribe()
+        self.0.teller.subscribe()
     }
 
     /// The orientation, as soon as it has ended, or as it stands after `patience` or when the service ends.
@@ -281,26 +320,29 @@ impl Jobs {
     pub async fn wait(&self, id: Uuid, patience: Duration) -> Result<Option<Orientation>, StoreError> {
         // first listen, then look: nothing can happen unnoticed in between
         let mut changes = self.subscribe();
-        let now = self.0.store.orientation(id).await?;
-        if now.as_ref().is_none_or(|orientation| orientation.status.is_final()) {
-            return Ok(now);
-        }
-        let ended = async {
-            loop {
-                match changes.recv().await {
-                    Ok(change) if change.id == id && change.status.is_final() => return,
-                    Ok(_) => {}
-                    // some were missed: look
-                    Err(_) => return,
-                }
+        let until = Instant::now() + patience;
+        loop {
+            let now = self.0.store.orientation(id).await?;
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() || now.as_ref().is_none_or(|orientation| orientation.status.is_final()) {
+                return Ok(now);
             }
-        };
-        tokio::select! {
-            () = ended => {}
-            () = tokio::time::sleep(patience) => {}
-            () = self.0.stopping.cancelled() => {}
+            let ended = async {
+                loop {
+                    match changes.recv().await {
+                        Ok(change) if change.id == id && change.status.is_final() => return,
+                        Ok(_) => {}
+                        // some were missed: look
+                        Err(_) => return,
+                    }
+                }
+            };
+            tokio::select! {
+                () = ended => {}
+                () = tokio::time::sleep(left.min(WAIT_INTERVAL)) => {}
+                () = self.0.stopping.cancelled() => return self.0.store.orientation(id).await,
+            }
         }
-        self.0.store.orientation(id).await
     }
 
     /// The overlay of an orientation that has succeeded, as a file. No more are drawn at a time than images are oriented:
@@ -316,7 +358,7 @@ impl Jobs {
     ) -> Result<Vec<u8>, AttemptError> {
         let image = self.0.store.image(orientation.image_id).await?.ok_or(AttemptError::Missing { what: "image" })?;
         let drawing: Drawing = serde_json::from_str(orientation.drawing.as_deref().unwrap_or_default())?;
-        let (path, limits) = (self.0.store.image_path(&image.sha256), self.0.settings.limits.clone());
+        let (path, limits) = (self.0.store.image_file(&image.sha256).await?, self.0.settings.limits.clone());
         let permit = self.0.drawing.clone().acquire_owned().await;
         let draw = move || {
             let _permit = permit;
@@ -338,11 +380,37 @@ impl Inner {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn ended(&self, id: Uuid, status: Status, verdict: Option<&str>) {
-        // nobody may be listening
-        let _ = self.changes.send(Change { id, status, stage: None, progress: 1.0 });
-        let verdict = verdict.unwrap_or("none").to_owned();
-        metrics::counter!("gable_orientations_total", "status" => status.name(), "verdict" => verdict).increment(1);
+    async fn ended(&self, id: Uuid, status: Status, verdict: Option<&str>) {
+        let change = Change { id, status, stage: None, progress: 1.0 };
+        self.teller.tell(Told::Change(change.clone()));
+        self.teller.tell(Told::Ended { status, verdict: verdict.map(str::to_owned) });
+        self.tell_others(&change).await;
+    }
+
+    /// Makes abandoned attempts wait again.
+    async fn recover(&self, abandoned: Abandoned, fate: &str) -> Result<(), StoreError> {
+        if abandoned == Abandoned::Late && !self.store.any_late().await? {
+            return Ok(());
+        }
+        let mut transaction = self.store.begin_write().await?;
+        let waiting = orientations::recover(&mut transaction, abandoned, fate).await?;
+        for (id, turn) in &waiting {
+            self.queue.push(&mut transaction, *id, *turn).await?;
+        }
+        transaction.commit().await.map_err(StoreError::from)?;
+        if !waiting.is_empty() {
+            tracing::warn!(orientations = waiting.len(), fate, "abandoned attempts wait again");
+            self.call_workers().await;
+        }
+        Ok(())
+    }
+
+    async fn tidy_queue(&self) -> Result<(), StoreError> {
+        self.queue.forget_done().await?;
+        self.gauge_queue(self.store.queued().await? as usize);
+        let oldest_s = self.store.oldest_wait().await?.unwrap_or_default().as_secs_f64();
+        metrics::gauge!("gable_queue_oldest_seconds").set(oldest_s);
+        Ok(())
     }
 
     fn gauge_queue(&self, waiting: usize) {

@@ -4,6 +4,7 @@ use nalgebra::{Matrix6, Vector2};
 use serde_json::json;
 
 use super::*;
+use crate::database::query;
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::features::PictureError;
 use crate::geometry::{Brown, Camera};
@@ -11,6 +12,7 @@ use crate::jobs::request::{ImageFacts, OrientationRequest};
 use crate::pipeline::{Estimate, Stage};
 use crate::store::images::Header;
 use crate::store::orientations::Finished;
+use crate::store::orientations::{Abandoned, Claim, Priority};
 
 /// A service's jobs over a fresh data folder with one camera and one image.
 struct Bench {
@@ -26,7 +28,7 @@ const SIZE_PX: [u32; 2] = [60, 40];
 impl Bench {
     async fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(folder.path()).await.unwrap();
+        let store = crate::store::scratch::store(folder.path()).await;
         let camera = Camera::new(SIZE_PX, 50.0, Vector2::new(30.0, 20.0), Brown::default()).unwrap();
         let camera_id = Uuid::now_v7();
         store.add_camera(camera_id, "camera", &camera).await.unwrap();
@@ -63,7 +65,8 @@ impl Bench {
 
     fn wanted(&self) -> NewOrientation {
         let (image_id, camera_id, prepared) = (self.image_id, self.camera_id, self.prepared.clone());
-        NewOrientation { id: Uuid::now_v7(), image_id, camera_id, prepared }
+        let (lane, priority) = (String::new(), Priority::Normal);
+        NewOrientation { id: Uuid::now_v7(), image_id, camera_id, prepared, lane, priority, webhook: None }
     }
 
     async fn row(&self, id: Uuid) -> Orientation {
@@ -163,9 +166,12 @@ async fn an_orientation_that_was_accepted_comes_to_its_end() {
     let result: serde_json::Value = serde_json::from_str(&row.result.unwrap()).unwrap();
     let centre = &result["projection_centre"]["coordinates"];
     assert!((centre[2].as_f64().unwrap() - 400.0).abs() < 1e-6, "{centre}");
-    let heard: Vec<_> = std::iter::from_fn(|| changes.try_recv().ok()).map(|c| (c.status, c.stage)).collect();
+    let heard: Vec<Change> = std::iter::from_fn(|| changes.try_recv().ok()).collect();
+    let mut told: Vec<(Status, Option<&str>)> = heard.iter().map(|c| (c.status, c.stage.as_deref())).collect();
+    // services that share a database also tell each other
+    told.dedup();
     assert_eq!(
-        heard,
+        told,
         [
             (Status::Running, None),
             (Status::Running, Some("predict")),
@@ -307,21 +313,23 @@ async fn what_a_dead_process_left_is_taken_up_but_not_for_ever() {
     for wanted in [&fresh, &poison] {
         dead.submit(wanted).await.unwrap();
     }
-    let stale = Uuid::now_v7();
-    bench.store.begin_attempt(fresh.id, stale).await.unwrap().unwrap();
+    let (stale, process) = (Claim { id: fresh.id, lease: Uuid::now_v7() }, Uuid::now_v7());
+    bench.store.begin_attempt(stale, process).await.unwrap().unwrap();
     for _ in 0..3 {
-        bench.store.begin_attempt(poison.id, stale).await.unwrap().unwrap();
+        bench.store.begin_attempt(Claim { id: poison.id, ..stale }, process).await.unwrap().unwrap();
         let mut transaction = bench.store.begin_write().await.unwrap();
-        orientations::recover(&mut transaction).await.unwrap();
+        orientations::recover(&mut transaction, Abandoned::By(process), "killed by signal 6").await.unwrap();
         transaction.commit().await.unwrap();
     }
-    bench.store.begin_attempt(fresh.id, stale).await.unwrap().unwrap();
+    bench.store.begin_attempt(stale, process).await.unwrap().unwrap();
     let jobs = bench.jobs(quick());
     let (_stop, _ended) = start(&jobs).await;
     let row = jobs.wait(fresh.id, PATIENCE).await.unwrap().unwrap();
     assert_eq!((row.status, row.attempts), (Status::Succeeded, 3));
     let row = jobs.wait(poison.id, PATIENCE).await.unwrap().unwrap();
-    assert_eq!((row.status, row.error.unwrap().code.as_str()), (Status::Failed, "given_up"));
+    let error = row.error.unwrap();
+    assert_eq!((row.status, error.code.as_str()), (Status::Failed, "given_up"));
+    assert!(error.detail.contains("killed by signal 6"), "{}", error.detail);
     // the dead process comes back: too late
     let late = Finished {
         verdict: "red".into(),
@@ -330,7 +338,7 @@ async fn what_a_dead_process_left_is_taken_up_but_not_for_ever() {
         record: "{}".into(),
         sightings: vec![],
     };
-    assert!(!bench.store.finish(stale, fresh.id, &late).await.unwrap());
+    assert!(!bench.store.finish(stale, &late).await.unwrap());
     assert_eq!(bench.row(fresh.id).await.verdict.as_deref(), Some("green"));
 }
 
@@ -377,12 +385,12 @@ async fn a_result_that_cannot_be_written_is_written_later() {
     let (_stop, _ended) = start(&jobs).await;
     let refuse = "CREATE TRIGGER full BEFORE UPDATE ON orientations WHEN NEW.status = 'succeeded'
                   BEGIN SELECT RAISE(ABORT, 'no room'); END";
-    sqlx::query(refuse).execute(bench.store.database()).await.unwrap();
+    query(refuse).execute(bench.store.database()).await.unwrap();
     let wanted = bench.wanted();
     jobs.submit(&wanted).await.unwrap();
     let row = jobs.wait(wanted.id, Duration::from_millis(300)).await.unwrap().unwrap();
     assert_eq!(row.status, Status::Running);
-    sqlx::query("DROP TRIGGER full").execute(bench.store.database()).await.unwrap();
+    query("DROP TRIGGER full").execute(bench.store.database()).await.unwrap();
     let row = jobs.wait(wanted.id, PATIENCE).await.unwrap().unwrap();
     assert_eq!((row.status, row.attempts), (Status::Succeeded, 1));
 }
@@ -397,8 +405,7 @@ async fn the_queue_leaves_the_database_durable() {
     jobs.submit(&wanted).await.unwrap();
     jobs.wait(wanted.id, PATIENCE).await.unwrap();
     for _ in 0..8 {
-        let synchronous: i64 =
-            sqlx::query_scalar("PRAGMA synchronous").fetch_one(bench.store.database()).await.unwrap();
+        let synchronous: i64 = query("PRAGMA synchronous").fetch_value(bench.store.database()).await.unwrap();
         assert_eq!(synchronous, 2);
     }
     // our migrations and the queue's, in one table, and both again

@@ -4,10 +4,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{broadcast, watch};
+use tokio::sync::watch;
 use uuid::Uuid;
 
-use super::Change;
+use super::feed::{Change, Teller, Told};
 use crate::pipeline::{Observer, Stage};
 use crate::store::orientations::Status;
 
@@ -31,6 +31,11 @@ impl Signal {
         self.interrupted.load(Ordering::Relaxed)
     }
 
+    /// Whether it is so long after the deadline.
+    pub(super) fn is_later_than(&self, overtime: Duration) -> bool {
+        Instant::now() >= self.deadline + overtime
+    }
+
     pub(super) fn is_late(&self) -> bool {
         Instant::now() >= self.deadline
     }
@@ -40,7 +45,7 @@ impl Signal {
 pub(super) struct Watcher {
     id: Uuid,
     signal: Arc<Signal>,
-    changes: broadcast::Sender<Change>,
+    teller: Teller,
     notes: watch::Sender<(&'static str, f64)>,
     stage: Mutex<Option<(Stage, Instant)>>,
 }
@@ -48,8 +53,9 @@ pub(super) struct Watcher {
 impl Observer for Watcher {
     fn progress(&self, stage: Stage, fraction: f64) {
         self.measure(Some(stage));
-        let change = Change { id: self.id, status: Status::Running, stage: Some(stage.name()), progress: fraction };
-        let _ = self.changes.send(change);
+        let at = Some(stage.name().into());
+        let change = Change { id: self.id, status: Status::Running, stage: at, progress: fraction };
+        self.teller.tell(Told::Change(change));
         self.notes.send_replace((stage.name(), fraction));
     }
 
@@ -60,13 +66,9 @@ impl Observer for Watcher {
 
 impl Watcher {
     /// A watcher, and where its last note is to be read.
-    pub(super) fn new(
-        id: Uuid,
-        signal: Arc<Signal>,
-        changes: broadcast::Sender<Change>,
-    ) -> (Self, watch::Receiver<(&'static str, f64)>) {
+    pub(super) fn new(id: Uuid, signal: Arc<Signal>, teller: Teller) -> (Self, watch::Receiver<(&'static str, f64)>) {
         let (notes, noted) = watch::channel(("", 0.0));
-        (Self { id, signal, changes, notes, stage: Mutex::default() }, noted)
+        (Self { id, signal, teller, notes, stage: Mutex::default() }, noted)
     }
 
     /// Records how long the last stage has taken.
@@ -82,7 +84,7 @@ impl Watcher {
         }
         if let Some((ended, began)) = current.take() {
             let seconds = began.elapsed().as_secs_f64();
-            metrics::histogram!("gable_stage_duration_seconds", "stage" => ended.name()).record(seconds);
+            self.teller.tell(Told::Stage { stage: ended.name().into(), seconds });
         }
         *current = stage.map(|stage| (stage, Instant::now()));
     }

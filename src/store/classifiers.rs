@@ -320,7 +320,7 @@ mod tests {
 
     async fn store() -> (tempfile::TempDir, Store) {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(folder.path()).await.unwrap();
+        let store = crate::store::scratch::store(folder.path()).await;
         (folder, store)
     }
 

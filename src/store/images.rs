@@ -190,10 +190,15 @@ impl Store {
     /// # Errors
     /// [`StoreError`]; then nothing is visible.
     pub async fn keep_image(&self, id: Uuid, received: Received, header: &Header) -> Result<(Image, bool), StoreError> {
-        let kept = self.image_path(&received.sha256);
-        let renamed = tokio::fs::rename(received.path(), &kept).await;
-        renamed.map_err(|source| file_error("cannot create", &kept, source))?;
-        sync_folder(&self.folder.join(FOLDER)).await?;
+        match &self.bucket {
+            Some(bucket) => bucket.put(&received.sha256, received.path()).await?,
+            None => {
+                let kept = self.image_path(&received.sha256);
+                let renamed = tokio::fs::rename(received.path(), &kept).await;
+                renamed.map_err(|source| file_error("cannot create", &kept, source))?;
+                sync_folder(&self.folder.join(FOLDER)).await?;
+            }
+        }
         let size_bytes = i64::try_from(received.size_bytes)
             .map_err(|_| StoreError::Unknown { what: "size", value: received.size_bytes.to_string() })?;
         let mut transaction = self.begin_write().await?;
@@ -244,9 +249,18 @@ impl Store {
         rows.into_iter().map(Image::try_from).collect()
     }
 
-    /// The file of a stored image.
-    #[must_use]
-    pub fn image_path(&self, sha256: &[u8; 32]) -> PathBuf {
+    /// The file of a stored image; with an object store a copy of it, which is fetched if it is not there yet.
+    ///
+    /// # Errors
+    /// [`StoreError`] if it cannot be fetched.
+    pub async fn image_file(&self, sha256: &[u8; 32]) -> Result<PathBuf, StoreError> {
+        match &self.bucket {
+            Some(bucket) => bucket.copy(sha256, &self.folder.join(FOLDER)).await,
+            None => Ok(self.image_path(sha256)),
+        }
+    }
+
+    fn image_path(&self, sha256: &[u8; 32]) -> PathBuf {
         self.folder.join(FOLDER).join(hexadecimal(sha256))
     }
 
@@ -263,7 +277,8 @@ impl Store {
             let old = fs::metadata(&path)
                 .and_then(|facts| facts.modified())
                 .is_ok_and(|time| time.elapsed().is_ok_and(|age| age > FILE_WITHOUT_ROW_KEPT));
-            if old && !self.has_row(&path).await? {
+            // with an object store they are copies, which make room by themselves
+            if old && self.bucket.is_none() && !self.has_row(&path).await? {
                 removed += usize::from(fs::remove_file(&path).is_ok());
             }
         }

@@ -1,9 +1,9 @@
 //! What the service remembers: cameras, templates of marks, images, keys, orientations with their references, classifiers,
 //! and the answers to repeated requests, in one data folder.
 //!
-//! `gable.db` is an SQLite database in write-ahead mode that syncs every commit; `images/` holds the uploaded files by
+//! With SQLite, `gable.db` is a database in write-ahead mode that syncs every commit; `images/` holds the uploaded files by
 //! their SHA-256; `incoming/` the uploads under way. Other rooms keep their own tables in the same database through
-//! [`Store::pool`].
+//! [`Store::database`].
 
 pub mod accounts;
 pub mod audit;
@@ -14,6 +14,7 @@ pub mod images;
 pub mod interior_orientations;
 pub mod keys;
 pub mod mark_templates;
+mod objects;
 pub mod orientations;
 pub mod passwords;
 pub mod references;
@@ -25,6 +26,7 @@ use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, SubsecRound, Utc};
 
+use self::objects::Bucket;
 use crate::database::{Database, OpenError, Transaction, query};
 
 /// Why the store could not do what was asked.
@@ -51,6 +53,19 @@ pub enum StoreError {
     /// The database cannot be used as it is.
     #[error(transparent)]
     Open(#[from] OpenError),
+    /// The object store failed.
+    #[error("the object store failed: {source}")]
+    Objects {
+        /// The cause.
+        #[from]
+        source: object_store::Error,
+    },
+    /// The setting is not the address of a bucket.
+    #[error("objects_url is {url:?}; it must be s3://bucket/prefix")]
+    ObjectsUrl {
+        /// As given.
+        url: String,
+    },
     /// Another service works with this data folder.
     #[error("{} is in use by another gable service; end it, or give this one a folder of its own", folder.display())]
     InUse {
@@ -72,6 +87,18 @@ pub enum StoreError {
 pub struct Store {
     database: Database,
     folder: PathBuf,
+    bucket: Option<Bucket>,
+}
+
+/// Where a store is.
+#[derive(Debug, Clone, Copy)]
+pub struct Place<'a> {
+    /// The data folder.
+    pub folder: &'a Path,
+    /// A PostgreSQL server in place of SQLite in the folder.
+    pub database_url: Option<&'a str>,
+    /// A bucket for the images in place of the folder: `s3://bucket/prefix`.
+    pub objects_url: Option<&'a str>,
 }
 
 /// Held by the one service of a data folder; the operating system takes it back when the process ends, however it ends.
@@ -84,11 +111,20 @@ pub struct FolderLock {
 pub const TRAINING: &str = "training";
 
 impl Store {
-    /// Opens the data folder, makes what is missing, and brings the tables up to date.
+    /// Opens a store that lives in its folder alone, makes what is missing, and brings the tables up to date.
     ///
     /// # Errors
     /// [`StoreError`] if the folder cannot be used, or the database is damaged, newer than this version or not durable.
     pub async fn open(folder: &Path) -> Result<Self, StoreError> {
+        Self::connect(&Place { folder, database_url: None, objects_url: None }).await
+    }
+
+    /// Opens a store. The tables of SQLite are brought up to date; those of a server must be so already.
+    ///
+    /// # Errors
+    /// [`StoreError`] if a part of it cannot be used.
+    pub async fn connect(place: &Place<'_>) -> Result<Self, StoreError> {
+        let folder = place.folder;
         for part in
             [folder.to_owned(), folder.join(images::FOLDER), folder.join(images::INCOMING), folder.join(TRAINING)]
         {
@@ -98,8 +134,16 @@ impl Store {
                 source,
             })?;
         }
-        let database = Database::sqlite(&folder.join("gable.db")).await?;
-        Ok(Self { database, folder: folder.to_owned() })
+        let database = match place.database_url {
+            None => Database::sqlite(&folder.join("gable.db")).await?,
+            Some(url) => {
+                let database = Database::postgres(url).await?;
+                database.assert_migrated().await?;
+                database
+            }
+        };
+        let bucket = place.objects_url.map(Bucket::open).transpose()?;
+        Ok(Self { database, folder: folder.to_owned(), bucket })
     }
 
     /// Makes this process the one service of the data folder, as long as the lock is kept. Tools that only read and
@@ -152,13 +196,16 @@ impl Store {
         Ok(facts.f_bavail.saturating_mul(facts.f_frsize))
     }
 
-    /// Whether the database answers.
+    /// Whether the database answers, and the object store if there is one.
     ///
     /// # Errors
     /// [`StoreError::Database`] if it does not.
     pub async fn ping(&self) -> Result<(), StoreError> {
         query("SELECT EXISTS (SELECT 1 FROM cameras)").fetch_value::<bool>(&self.database).await?;
-        Ok(())
+        match &self.bucket {
+            Some(bucket) => bucket.ping().await,
+            None => Ok(()),
+        }
     }
 
     /// Waits for the connections to be given back, and closes them.
@@ -177,3 +224,7 @@ pub(crate) fn count_of(count: i64) -> Result<u32, StoreError> {
 pub fn now() -> DateTime<Utc> {
     Utc::now().trunc_subsecs(6)
 }
+
+#[cfg(test)]
+#[path = "../../tests/shared/scratch.rs"]
+pub(crate) mod scratch;

@@ -11,10 +11,11 @@ use uuid::Uuid;
 
 use super::sightings::{self, Sighting};
 use super::{Store, StoreError, count_of, now, webhooks};
-use crate::database::{Dialects, Transaction, query};
+use crate::database::{Dialects, Executor, Transaction, query};
 
 /// How far an orientation is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Status {
     /// It waits for its turn.
     Queued,
@@ -304,9 +305,9 @@ pub async fn insert(transaction: &mut Transaction, new: &NewOrientation) -> Resu
 ///
 /// # Errors
 /// [`StoreError::Database`].
-pub async fn queued(transaction: &mut Transaction) -> Result<u32, StoreError> {
+pub async fn queued<'e>(on: impl Into<Executor<'e>>) -> Result<u32, StoreError> {
     let count = query("SELECT count(*) FROM orientations WHERE status = 'queued'");
-    count_of(count.fetch_value(transaction).await?)
+    count_of(count.fetch_value(on).await?)
 }
 
 /// What lets attempts be taken up again.
@@ -438,6 +439,26 @@ impl Store {
         let held =
             query("SELECT EXISTS (SELECT 1 FROM orientations WHERE id = $1 AND status = 'running' AND lease = $2)");
         Ok(held.bind(claim.id).bind(claim.lease).fetch_value(&self.database).await?)
+    }
+
+    /// How many orientations wait for their turn.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn queued(&self) -> Result<u32, StoreError> {
+        queued(&self.database).await
+    }
+
+    /// Whether the lease of any attempt has run out.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn any_late(&self) -> Result<bool, StoreError> {
+        let late = format!(
+            "SELECT EXISTS (SELECT 1 FROM orientations WHERE status = 'running' AND lease_until_ms < {})",
+            self.database.dialect(CLOCK)
+        );
+        Ok(query(AssertSqlSafe(late)).fetch_value(&self.database).await?)
     }
 
     /// How long the one that has waited longest has waited; none if none waits.

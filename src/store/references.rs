@@ -204,9 +204,10 @@ pub(in crate::store) mod tests {
     use nalgebra::Vector2;
 
     use super::*;
+    use crate::database::Database;
     use crate::geometry::{Brown, Camera};
     use crate::store::images::Header;
-    use crate::store::orientations::{self, Finished, NewOrientation};
+    use crate::store::orientations::{self, Claim, Finished, NewOrientation, Priority};
     use crate::store::sightings::Sighting;
 
     /// A fresh data folder with a camera.
@@ -219,7 +220,7 @@ pub(in crate::store) mod tests {
     impl Bench {
         pub(in crate::store) async fn new() -> Self {
             let folder = tempfile::tempdir().unwrap();
-            let store = Store::open(folder.path()).await.unwrap();
+            let store = crate::store::scratch::store(folder.path()).await;
             let camera = Camera::new([60, 40], 50.0, Vector2::new(30.0, 20.0), Brown::default()).unwrap();
             let camera_id = Uuid::now_v7();
             store.add_camera(camera_id, "camera", &camera).await.unwrap();
@@ -236,9 +237,17 @@ pub(in crate::store) mod tests {
 
         /// An orientation that waits.
         pub(in crate::store) async fn queued(&self, image_id: Uuid) -> Uuid {
-            let new = NewOrientation { id: Uuid::now_v7(), image_id, camera_id: self.camera_id, prepared: "{}".into() };
+            let new = NewOrientation {
+                id: Uuid::now_v7(),
+                image_id,
+                camera_id: self.camera_id,
+                prepared: "{}".into(),
+                lane: String::new(),
+                priority: Priority::Normal,
+                webhook: None,
+            };
             let mut transaction = self.store.begin_write().await.unwrap();
-            assert!(orientations::insert(&mut transaction, &new).await.unwrap());
+            assert!(orientations::insert(&mut transaction, &new).await.unwrap().is_some());
             transaction.commit().await.unwrap();
             new.id
         }
@@ -250,9 +259,10 @@ pub(in crate::store) mod tests {
             record: &str,
             sightings: &[(&str, Sighting)],
         ) -> Uuid {
-            let (id, lease) = (self.queued(image_id).await, Uuid::now_v7());
-            self.store.begin_attempt(id, lease).await.unwrap().unwrap();
-            assert!(self.store.finish(lease, id, &finished(record, sightings)).await.unwrap());
+            let id = self.queued(image_id).await;
+            let claim = Claim { id, lease: Uuid::now_v7() };
+            self.store.begin_attempt(claim, Uuid::nil()).await.unwrap().unwrap();
+            assert!(self.store.finish(claim, &finished(record, sightings)).await.unwrap());
             id
         }
     }
@@ -309,7 +319,8 @@ pub(in crate::store) mod tests {
         let image = bench.image().await;
         bench.store.put_references(&[reference(image, "west", 0.1)]).await.unwrap();
         let damage = "PRAGMA ignore_check_constraints = ON; UPDATE reference_orientations SET rotation = x'00'";
-        sqlx::raw_sql(damage).execute(bench.store.database()).await.unwrap();
+        let Database::Sqlite(pool) = bench.store.database() else { return };
+        sqlx::raw_sql(damage).execute(pool).await.unwrap();
         let error = bench.store.references(None, 10).await.unwrap_err().to_string();
         assert!(error.contains("rotation of a reference") && error.contains(&image.to_string()), "{error}");
     }

@@ -105,6 +105,7 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::orientations::Claim;
     use crate::store::references::tests::{Bench, finished};
 
     async fn counts(bench: &Bench, control_point: &str) -> [u32; 3] {
@@ -150,13 +151,14 @@ mod tests {
     #[tokio::test]
     async fn who_comes_too_late_has_seen_nothing() {
         let bench = Bench::new().await;
-        let (id, lease) = (bench.queued(bench.image().await).await, Uuid::now_v7());
-        bench.store.begin_attempt(id, lease).await.unwrap().unwrap();
+        let id = bench.queued(bench.image().await).await;
+        let claim = Claim { id, lease: Uuid::now_v7() };
+        bench.store.begin_attempt(claim, Uuid::nil()).await.unwrap().unwrap();
         let late = finished("{}", &[("church", Sighting::Found)]);
-        assert!(!bench.store.finish(Uuid::now_v7(), id, &late).await.unwrap());
+        assert!(!bench.store.finish(Claim { lease: Uuid::now_v7(), ..claim }, &late).await.unwrap());
         assert_eq!(counts(&bench, "church").await, [0, 0, 0]);
         assert_eq!(bench.store.found_share().await.unwrap(), None);
-        assert!(bench.store.finish(lease, id, &late).await.unwrap());
+        assert!(bench.store.finish(claim, &late).await.unwrap());
         assert_eq!(counts(&bench, "church").await, [1, 0, 0]);
     }
 }

@@ -111,7 +111,7 @@ async fn first_key_closes_the_open_door_and_its_revocation_does_not_open_it() {
     assert_eq!(service.send(request(&Method::GET, "/api/v1/cameras", Some(&secret))).await.status, 200);
     assert!(service.state.store.revoke_key(key.id).await.unwrap());
     service.get("/api/v1/cameras").await.problem(401);
-    let reopened = gable::store::Store::open(service.state.store.folder()).await.unwrap();
+    let reopened = &service.reopened().await;
     assert!(reopened.any_key().await.unwrap());
 }
 

@@ -71,7 +71,7 @@ async fn pages_show_every_camera_once() {
 async fn cameras_outlive_the_process() {
     let service = Service::new().await;
     let made = service.post("/api/v1/cameras", &camera("lasting")).await.json();
-    let reopened = gable::store::Store::open(service.state.store.folder()).await.unwrap();
+    let reopened = &service.reopened().await;
     let kept = reopened.camera("lasting").await.unwrap().unwrap();
     assert_eq!(made["id"], kept.id.to_string());
     assert_eq!(kept.digital().unwrap().distortion().unwrap().k1.to_bits(), (-0.01_f64).to_bits());

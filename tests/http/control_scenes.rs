@@ -1,5 +1,6 @@
 //! Control scenes, through the router.
 
+use gable::database::query;
 use std::sync::{Arc, Mutex};
 
 use axum::body::Body;
@@ -244,8 +245,8 @@ async fn what_is_deleted_is_gone_with_its_picture() {
     service.get(&format!("/api/v1/control-scenes/{id}/picture")).await.problem(404);
     assert_eq!(names(&service, "").await, Vec::<String>::new());
     for table in ["control_scenes", "control_scene_pictures", "control_scene_boxes"] {
-        let count: i64 = sqlx::query_scalar(sqlx::AssertSqlSafe(format!("SELECT count(*) FROM {table}")))
-            .fetch_one(service.state.store.pool())
+        let count: i64 = query(sqlx::AssertSqlSafe(format!("SELECT count(*) FROM {table}")))
+            .fetch_value(service.state.store.database())
             .await
             .unwrap();
         assert_eq!(count, 0, "{table}");
@@ -424,7 +425,7 @@ async fn orientations_get_the_control_that_they_ask_for() {
     // what was whole when it came may not be any more: the others are used without it
     let spoil = "UPDATE control_scene_pictures SET file = substr(file, 1, 200) WHERE scene_id =
                  (SELECT id FROM control_scenes WHERE name = 'damaged')";
-    assert_eq!(sqlx::query(spoil).execute(service.state.store.pool()).await.unwrap().rows_affected(), 1);
+    assert_eq!(query(spoil).execute(service.state.store.database()).await.unwrap(), 1);
     let building = json!({"type": "FeatureCollection", "features": [{"type": "Feature",
         "properties": {"name": "church", "sigma_m": 0.1},
         "geometry": {"type": "MultiLineString", "coordinates": [[[5e5, 5.8e6, 108.0], [500_010.0, 5.8e6, 108.0]]]}}]});

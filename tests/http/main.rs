@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test fails by panic")]
 
+pub(crate) use gable::database::Database;
+pub(crate) use gable::store::{Place, Store};
+
 mod access;
 mod bad_requests;
 mod cameras;
@@ -22,6 +25,8 @@ mod kill;
 mod labelled;
 mod orientations;
 mod scene_commands;
+#[path = "../shared/scratch.rs"]
+mod scratch;
 mod sockets;
 mod support;
 mod terrestrial;

@@ -8,11 +8,12 @@ use axum::http::{HeaderMap, Method, Request, StatusCode};
 use gable::configuration::Configuration;
 use gable::http::{AppState, router};
 use gable::jobs::Orient;
-use gable::store::Store;
 use gable::store::keys::{Key, Role, random_secret};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use tower::ServiceExt as _;
+
+use crate::{Store, scratch};
 
 pub(crate) struct Service {
     pub(crate) app: Router,
@@ -63,9 +64,15 @@ impl Service {
         let mut configuration = Configuration::default();
         folder.path().clone_into(&mut configuration.data);
         change(&mut configuration);
-        let store = Store::open(folder.path()).await.unwrap();
+        configuration.database_url = scratch::database_url().await;
+        let store = Store::connect(&configuration.place()).await.unwrap();
         let state = AppState::with_pipeline(store, configuration, orient);
         Self { app: router(state.clone()).unwrap(), state, _folder: folder }
+    }
+
+    /// The store, opened once more.
+    pub(crate) async fn reopened(&self) -> Store {
+        Store::connect(&self.state.configuration.place()).await.unwrap()
     }
 
     pub(crate) async fn key(&self, role: Role) -> (String, Key) {

@@ -7,7 +7,7 @@
 //! `gable_audit_failures_total` counts it; the same if the process dies between the two, but without a trace.
 
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tracing::Instrument as _;
@@ -22,7 +22,7 @@ use crate::store::audit::NewEntry;
 
 /// Put into an answer by a handler that knows better than the guard who it was: a login.
 #[derive(Debug, Clone)]
-pub struct Who(pub String);
+struct Who(pub String);
 
 /// Lets a request through to its route, or refuses it.
 ///
@@ -36,7 +36,7 @@ pub async fn guard(
     next: Next,
 ) -> Result<Response, Problem> {
     let deed = Deed::of(&request, &path);
-    let caller = match admitted(&state, &path, &request).await {
+    let caller = match deed.admitted(&state, request.method(), path.as_str(), request.headers()).await {
         Ok(caller) => caller,
         Err(Refused { problem, who }) => {
             if problem.status() == StatusCode::FORBIDDEN {
@@ -74,36 +74,6 @@ impl From<Problem> for Refused {
     }
 }
 
-/// The caller, if the route may be called by it; none of a public route.
-async fn admitted(state: &AppState, path: &MatchedPath, request: &Request) -> Result<Option<Caller>, Refused> {
-    let address = request.extensions().get::<ClientAddress>().map(|address| address.caller());
-    let too_often = |wait| Refused::from(rate::refused("You ask too often.", wait));
-    let take = |caller: Option<&str>| caller.map_or(Ok(()), |caller| state.rates.take(caller)).map_err(too_often);
-    let role = match access(request.method(), path.as_str()) {
-        Some(Access::Public) if path.as_str().starts_with("/health/") => return Ok(None),
-        Some(Access::Public) => return take(address.as_deref()).map(|()| None),
-        Some(Access::AtLeast(role)) => role,
-        None => {
-            tracing::error!(method = %request.method(), path = path.as_str(), "route without access rule");
-            return Err(Problem::forbidden("Nobody may call this.").into());
-        }
-    };
-    let caller = match identify(state, request.method(), request.headers()).await {
-        Ok(caller) => caller,
-        Err(problem) => {
-            take(address.as_deref())?;
-            return Err(problem.into());
-        }
-    };
-    // who has made no key yet sits at this machine, and slows down nobody else
-    take(Some(caller.credential.as_str()).filter(|who| *who != super::LOOPBACK))?;
-    if caller.role < role {
-        let problem = Problem::forbidden(format!("Your role is {}; this needs {role}.", caller.role));
-        return Err(Refused { problem, who: Some(caller.credential) });
-    }
-    Ok(Some(caller))
-}
-
 /// What somebody wants to do.
 struct Deed {
     action: String,
@@ -116,6 +86,42 @@ impl Deed {
         let action = format!("{} {}", request.method(), path.as_str());
         let from = request.extensions().get().copied();
         Self { action, object: request.uri().path().to_owned(), from }
+    }
+
+    /// The caller, if the route may be called by it; none of a public route.
+    async fn admitted(
+        &self,
+        state: &AppState,
+        method: &Method,
+        path: &str,
+        headers: &HeaderMap,
+    ) -> Result<Option<Caller>, Refused> {
+        let address = self.from.map(ClientAddress::caller);
+        let too_often = |wait| Refused::from(rate::refused("You ask too often.", wait));
+        let take = |caller: Option<&str>| caller.map_or(Ok(()), |caller| state.rates.take(caller)).map_err(too_often);
+        let role = match access(method, path) {
+            Some(Access::Public) if path.starts_with("/health/") => return Ok(None),
+            Some(Access::Public) => return take(address.as_deref()).map(|()| None),
+            Some(Access::AtLeast(role)) => role,
+            None => {
+                tracing::error!(%method, path, "route without access rule");
+                return Err(Problem::forbidden("Nobody may call this.").into());
+            }
+        };
+        let caller = match identify(state, method, headers).await {
+            Ok(caller) => caller,
+            Err(problem) => {
+                take(address.as_deref())?;
+                return Err(problem.into());
+            }
+        };
+        // who has made no key yet sits at this machine, and slows down nobody else
+        take(Some(caller.credential.as_str()).filter(|who| *who != super::LOOPBACK))?;
+        if caller.role < role {
+            let problem = Problem::forbidden(format!("Your role is {}; this needs {role}.", caller.role));
+            return Err(Refused { problem, who: Some(caller.credential) });
+        }
+        Ok(Some(caller))
     }
 
     /// Notes what has changed something, and what was refused by the handler: a login.

@@ -55,7 +55,10 @@ async fn by_key(state: &AppState, headers: &HeaderMap) -> Result<Caller, Problem
     match state.store.key(secret).await? {
         Presented::Valid(key) => {
             if key.use_is_worth_a_note() {
-                state.note_use(format!("key {}", key.id), move |store| async move { store.note_use_of_key(key.id).await });
+                state.note_use(
+                    format!("key {}", key.id),
+                    move |store| async move { store.note_use_of_key(key.id).await },
+                );
             }
             Ok(Caller { credential: key.id.to_string(), role: key.role })
         }

@@ -62,7 +62,7 @@ pub(super) async fn mark(
     let image = state.store.image(kept.image_id).await?;
     let image =
         image.ok_or_else(|| Problem::internal(&"the image of an interior orientation is not there any more"))?;
-    let (path, limits) = (state.store.image_path(&image.sha256), state.configuration.image_limits());
+    let (path, limits) = (state.store.image_file(&image.sha256).await?, state.configuration.image_limits());
     let draw = move || interior::close_up(&path, &limits, &result, &mark);
     // the client is not at fault: the image could be read before
     let drawn = at_a_time(&state, draw).await?.map_err(|error: InteriorError| Problem::internal(&error))?;

@@ -77,7 +77,7 @@ impl Listener {
             match received {
                 Ok(change) if change.id != self.id => {}
                 Ok(change) if !change.status.is_final() => {
-                    return Some(progress(change.status, change.stage, change.progress));
+                    return Some(progress(change.status, change.stage.as_deref(), change.progress));
                 }
                 // ended, or some changes were missed: the row knows
                 Ok(_) | Err(RecvError::Lagged(_)) => {

@@ -5,6 +5,7 @@ use super::*;
 use crate::classifiers::labelled::tests::simulated;
 use crate::classifiers::labelled::{Pose, TrialRecord};
 use crate::control::near::Reach;
+use crate::database::query;
 use crate::geometry::Brown;
 use crate::imagery::Limits;
 use crate::jobs::active::{SHIPPED, stored_classifier};
@@ -30,7 +31,7 @@ const SIZE_PX: [u32; 2] = [60, 40];
 impl Bench {
     pub(in crate::jobs) async fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(folder.path()).await.unwrap();
+        let store = crate::store::scratch::store(folder.path()).await;
         let camera = Camera::new(SIZE_PX, 50.0, Vector2::new(30.0, 20.0), Brown::default()).unwrap();
         let (camera_id, image_id) = (Uuid::now_v7(), Uuid::now_v7());
         store.add_camera(camera_id, "camera", &camera).await.unwrap();
@@ -63,17 +64,17 @@ impl Bench {
     async fn keep_prepared(&self, records: &[String], prepared: &Prepared) {
         let mut transaction = self.store.begin_write().await.unwrap();
         for record in records {
-            let query = "INSERT INTO orientations
+            let sql = "INSERT INTO orientations
                  (id, image_id, camera_id, prepared, status, verdict, result, drawing, record, created_at)
-                 VALUES (?, ?, ?, ?, 'succeeded', 'green', '{}', '{}', ?, ?)";
-            sqlx::query(query)
+                 VALUES ($1, $2, $3, $4, 'succeeded', 'green', '{}', '{}', $5, $6)";
+            query(sql)
                 .bind(Uuid::now_v7())
                 .bind(self.image_id)
                 .bind(self.camera_id)
                 .bind(serde_json::to_string(prepared).unwrap())
                 .bind(record)
                 .bind(now())
-                .execute(&mut *transaction)
+                .execute(&mut transaction)
                 .await
                 .unwrap();
         }
