@@ -40,7 +40,7 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
-use axum::middleware::{from_fn, from_fn_with_state};
+use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse as _, Response};
 use tokio::sync::Semaphore;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -101,6 +101,7 @@ fn furnished(routes: Router<AppState>, state: AppState) -> Router {
         bytes_per_s_min: state.configuration.body_min_bytes_per_s,
     };
     let body_max = DefaultBodyLimit::max(state.configuration.body_max_bytes);
+    let secure = observe::Secure(state.configuration.cookies_are_secure());
     let slots = Arc::new(Semaphore::new(state.configuration.requests_max));
     routes
         // closest to the handlers, so that a panic is an answer to everything further out
@@ -112,7 +113,7 @@ fn furnished(routes: Router<AppState>, state: AppState) -> Router {
         .layer(body_max)
         .layer(from_fn_with_state(slots, rate::shed))
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(from_fn(observe::observe))
+        .layer(from_fn_with_state(secure, observe::observe))
         .layer(from_fn_with_state(pace, pace::watch))
         .layer(CompressionLayer::new())
         .with_state(state)
