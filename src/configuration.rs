@@ -336,7 +336,7 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 22] = [
+        let positive: [(&'static str, u64); 21] = [
             ("upload_max_bytes", self.upload_max_bytes),
             ("body_max_bytes", self.body_max_bytes as u64),
             ("import_max_bytes", self.import_max_bytes as u64),
@@ -357,7 +357,6 @@ impl Configuration {
             ("training_max_jobs", self.training_max_jobs.into()),
             ("training_max_bytes", self.training_max_bytes as u64),
             ("requests_max", self.requests_max as u64),
-            ("session_idle_s", self.session_idle_s),
             ("session_max_s", self.session_max_s),
         ];
         for (key, value) in positive {
@@ -425,6 +424,10 @@ impl Configuration {
                 let wanted = if least > 0.0 { "from 1 to 1e9" } else { "from 0 to 1e9" };
                 return Err(ConfigurationError::OutOfRange { key, value: value.to_string(), wanted });
             }
+        }
+        if self.session_idle_s < 300 {
+            let value = self.session_idle_s.to_string();
+            return Err(ConfigurationError::OutOfRange { key: "session_idle_s", value, wanted: "at least 300" });
         }
         let host_fits = |host: &String| {
             let name = host.strip_prefix("*.").unwrap_or(host);

@@ -14,6 +14,7 @@ use super::extract::Json;
 use super::problem::Problem;
 use super::rate::{self, ClientAddress};
 use super::state::AppState;
+use crate::store::accounts::check_name;
 use crate::store::keys::{Role, random_secret};
 use crate::store::passwords::{self, PasswordError};
 
@@ -88,11 +89,13 @@ async fn log_in(
         return Err(Problem::forbidden("Only a page of this service may log in."));
     }
     let from = address.map(|axum::Extension(address)| format!("address:{}", address.caller()));
-    let callers: Vec<String> = from.into_iter().chain([format!("account:{}", request.name)]).collect();
+    // no name of an account, and it may be long: all such share one bucket
+    let name = if check_name(&request.name).is_ok() { request.name.as_str() } else { "?" };
+    let callers: Vec<String> = from.into_iter().chain([format!("account:{name}")]).collect();
     for caller in &callers {
         state.failed_logins.take(caller).map_err(|wait| rate::refused("Too many logins have failed.", wait))?;
     }
-    let found = state.store.account(&request.name).await?;
+    let found = state.store.account(name).await?;
     let (account, kept) = found.filter(|(account, _)| account.disabled_at.is_none()).unzip();
     let right = passwords::is_right(kept, request.password).await?;
     let Some(account) = account.filter(|_| right) else {

@@ -203,7 +203,7 @@ impl Store {
         let lasts = |row: &SessionRow| now() - row.created_at < lasting.most && now() - row.used_at < lasting.idle;
         let row = row.filter(|row| bool::from(row.sha256.ct_eq(&sha256)) && lasts(row));
         row.map(|row| {
-            let use_is_worth_a_note = now() - row.used_at >= USE_NOTED_EVERY.min(lasting.idle / 4);
+            let use_is_worth_a_note = now() - row.used_at >= USE_NOTED_EVERY;
             Ok(Session { name: row.name, role: role(row.role)?, use_is_worth_a_note })
         })
         .transpose()

@@ -50,7 +50,7 @@ pub enum SendError {
 }
 
 impl Sender {
-    /// One that looks names up by `lookup`.
+    /// One that signs with `secret` and looks names up by `lookup`.
     ///
     /// # Errors
     /// [`SendError::Connection`] if there are no certificates of authorities on this machine.

@@ -132,7 +132,8 @@ impl Deed {
         if status.is_success() || refused {
             let made = answer.headers().get(header::LOCATION).and_then(|location| location.to_str().ok());
             let made = made.map(str::to_owned);
-            self.note(state, told.or(who), status, made).await;
+            let who = told.filter(|told| told != NOBODY).or(who);
+            self.note(state, who, status, made).await;
         }
         answer
     }
