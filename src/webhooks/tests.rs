@@ -76,7 +76,7 @@ async fn receiver(answers: Vec<String>) -> (SocketAddr, Arc<Mutex<Vec<String>>>)
             let (mut stream, _) = listener.accept().await.unwrap();
             let mut text = Vec::new();
             let mut buffer = [0; 4096];
-            while !String::from_utf8_lossy(&text).ends_with("\"}}") {
+            while !String::from_utf8_lossy(&text).ends_with("finished\"}") {
                 match stream.read(&mut buffer).await.unwrap() {
                     0 => break,
                     count => text.extend_from_slice(&buffer[..count]),
