@@ -2,9 +2,11 @@
 
 mod account;
 mod audit;
+mod backup;
 mod classifier;
 mod dataset;
 mod demo;
+mod doctor;
 mod evaluate;
 mod import;
 mod interior;
@@ -52,6 +54,9 @@ enum Command {
     #[command(hide = true)]
     Worker(worker::Worker),
     Migrate(migrate::Migrate),
+    Backup(backup::Backup),
+    Restore(backup::Restore),
+    Doctor(doctor::Doctor),
     Import(import::Import),
     Orient(Box<orient::Orient>),
     Interior(interior::Interior),
@@ -75,6 +80,9 @@ impl Command {
             Self::Work(command) => command.run().await,
             Self::Worker(command) => command.run().await,
             Self::Migrate(command) => command.run().await,
+            Self::Backup(command) => command.run().await,
+            Self::Restore(command) => command.run().await,
+            Self::Doctor(command) => command.run().await,
             Self::Import(command) => command.run().await,
             Self::Orient(command) => command.run().await,
             Self::Interior(command) => command.run().await,

@@ -569,3 +569,6 @@ pub async fn release(transaction: &mut Transaction, claim: Claim, counted: bool)
 fn lease_ms() -> i64 {
     i64::try_from(LEASE.as_millis()).unwrap_or(i64::MAX)
 }
+
+#[cfg(test)]
+mod tests;

@@ -49,11 +49,13 @@ async fn template(options: &PgConnectOptions, connection: &mut PgConnection) -> 
 }
 
 /// A store in a data folder, over the database of this run.
+#[allow(dead_code, reason = "not every program of tests wants it")]
 pub(crate) async fn store(folder: &Path) -> Store {
     let url = database_url().await;
     Store::connect(&Place { folder, database_url: url.as_deref(), objects_url: None }).await.unwrap()
 }
 
+#[allow(dead_code, reason = "not every program of tests wants it")]
 /// Whether this run is over SQLite; says so if a test is left out because it is not.
 pub(crate) fn over_sqlite() -> bool {
     let sqlite = std::env::var_os("GABLE_TEST_POSTGRES").is_none();
