@@ -2,14 +2,20 @@
 //!
 //! What is guaranteed of the log: a request that is refused with 403, and a login that is refused, have a row before the
 //! client hears of it. A request that has changed something has its row before the client hears of it, too, and gets it
-//! even if the client goes away meanwhile; but the change and the row are two transactions. If the row cannot be written
+//! even if the client goes away once its body has arrived; but the change and the row are two transactions. If the row cannot be written
 //! after the change was, the change stays and is told, the log of the service says so as an error, and
 //! `gable_audit_failures_total` counts it; the same if the process dies between the two, but without a trace.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use axum::body::{Body, Bytes, HttpBody as _};
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use futures_util::StreamExt as _;
+use tokio::task::AbortHandle;
 use tracing::Instrument as _;
 
 use super::identify::identify;
@@ -52,6 +58,7 @@ pub async fn guard(
     if request.method().is_safe() {
         return Ok(next.run(request).await);
     }
+    let (request, arrived) = watched(request);
     // a task of its own comes to its end even if its client goes away
     let work = async move {
         let answer = next.run(request).await;
@@ -59,7 +66,41 @@ pub async fn guard(
     };
     let id = request_id::current().unwrap_or_default();
     let task = tokio::spawn(request_id::scope(id, work).in_current_span());
+    let _leash = Leash { task: task.abort_handle(), arrived };
     task.await.map_err(|error| Problem::internal(&error))
+}
+
+/// Ends the task of a request whose client goes away before its body has arrived: it has changed nothing yet.
+struct Leash {
+    task: AbortHandle,
+    arrived: Arc<AtomicBool>,
+}
+
+impl Drop for Leash {
+    fn drop(&mut self) {
+        if !self.arrived.load(Ordering::SeqCst) {
+            self.task.abort();
+        }
+    }
+}
+
+/// A request that says when its body has arrived.
+fn watched(request: Request) -> (Request, Arc<AtomicBool>) {
+    let (parts, body) = request.into_parts();
+    let arrived = Arc::new(AtomicBool::new(body.is_end_stream()));
+    let (size, mut read) = (body.size_hint().exact(), 0);
+    let (reading, ending) = (arrived.clone(), arrived.clone());
+    let chunks = body.into_data_stream().inspect(move |chunk| {
+        read += chunk.as_ref().map_or(0, |chunk| chunk.len() as u64);
+        if size == Some(read) {
+            reading.store(true, Ordering::SeqCst);
+        }
+    });
+    let end = futures_util::stream::poll_fn(move |_| {
+        ending.store(true, Ordering::SeqCst);
+        std::task::Poll::Ready(None::<Result<Bytes, axum::Error>>)
+    });
+    (Request::from_parts(parts, Body::from_stream(chunks.chain(end))), arrived)
 }
 
 /// Why somebody was not let through, and who it was as far as that is known.
