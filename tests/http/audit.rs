@@ -1,11 +1,16 @@
 //! The audit log.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
 use axum::http::Method;
 use gable::database::{Dialects, query};
 use gable::store::audit::Verified;
 use gable::store::keys::Role;
 use serde_json::{Value, json};
 
+use crate::orientations::{Working, held};
 use crate::support::{Service, camera, json_post, request};
 
 async fn whole(service: &Service) -> i64 {
@@ -104,4 +109,21 @@ async fn many_at_once_make_one_chain() {
         assert_eq!(added.await.unwrap(), 201);
     }
     assert_eq!(whole(&service).await, 40);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_accepted_is_noted_even_if_the_client_goes_away() {
+    let gate = Arc::new(AtomicBool::new(false));
+    let working = Working::set(|_| (), held(&gate)).await;
+    let before = whole(&working.service).await;
+    let (wanted, wait) = (working.request(), [("prefer", "wait=20")]);
+    assert!(tokio::time::timeout(Duration::from_millis(500), working.ask(&wanted, &wait)).await.is_err());
+    gate.store(true, Ordering::SeqCst);
+    let began = Instant::now();
+    while whole(&working.service).await == before {
+        assert!(began.elapsed() < Duration::from_secs(20));
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    let last = working.service.state.store.audit(None, None, None, 1).await.unwrap().remove(0);
+    assert_eq!((last.action.as_str(), last.status), ("POST /api/v1/orientations", 200));
 }

@@ -6,8 +6,10 @@
 //! after the change was, the change stays and is told, the log of the service says so as an error, and
 //! `gable_audit_failures_total` counts it; the same if the process dies between the two, but without a trace.
 
+use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::{Context, Poll};
 
 use axum::body::{Body, Bytes, HttpBody as _};
 use axum::extract::{MatchedPath, Request, State};
@@ -15,7 +17,8 @@ use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use futures_util::StreamExt as _;
-use tokio::task::AbortHandle;
+use futures_util::future::BoxFuture;
+use tokio::runtime::Handle;
 use tracing::Instrument as _;
 
 use super::identify::identify;
@@ -59,27 +62,38 @@ pub async fn guard(
         return Ok(next.run(request).await);
     }
     let (request, arrived) = watched(request);
-    // a task of its own comes to its end even if its client goes away
     let work = async move {
         let answer = next.run(request).await;
         deed.note_answer(&state, who, answer).await
     };
     let id = request_id::current().unwrap_or_default();
-    let task = tokio::spawn(request_id::scope(id, work).in_current_span());
-    let _leash = Leash { task: task.abort_handle(), arrived };
-    task.await.map_err(|error| Problem::internal(&error))
+    let work = request_id::scope(id, work).in_current_span();
+    Ok(Deferred { work: Some(Box::pin(work)), arrived }.await)
 }
 
-/// Ends the task of a request whose client goes away before its body has arrived: it has changed nothing yet.
-struct Leash {
-    task: AbortHandle,
+/// The work for a request. If its client goes away before its body has arrived, it ends: it has changed nothing yet. After
+/// that it goes on by itself to its end.
+struct Deferred {
+    work: Option<BoxFuture<'static, Response>>,
     arrived: Arc<AtomicBool>,
 }
 
-impl Drop for Leash {
+impl Future for Deferred {
+    type Output = Response;
+
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Response> {
+        let Some(work) = &mut self.work else { return Poll::Pending };
+        let answer = std::task::ready!(work.as_mut().poll(context));
+        self.work = None;
+        Poll::Ready(answer)
+    }
+}
+
+impl Drop for Deferred {
     fn drop(&mut self) {
-        if !self.arrived.load(Ordering::SeqCst) {
-            self.task.abort();
+        let work = self.work.take().filter(|_| self.arrived.load(Ordering::SeqCst));
+        if let (Some(work), Ok(runtime)) = (work, Handle::try_current()) {
+            runtime.spawn(work);
         }
     }
 }
@@ -98,7 +112,7 @@ fn watched(request: Request) -> (Request, Arc<AtomicBool>) {
     });
     let end = futures_util::stream::poll_fn(move |_| {
         ending.store(true, Ordering::SeqCst);
-        std::task::Poll::Ready(None::<Result<Bytes, axum::Error>>)
+        Poll::Ready(None::<Result<Bytes, axum::Error>>)
     });
     (Request::from_parts(parts, Body::from_stream(chunks.chain(end))), arrived)
 }
