@@ -46,6 +46,18 @@ hostile images="10000":
     cargo build --release
     target/release/gable simulate --mixture hostile --images {{images}} --out target/study-hostile
 
+# hold all files of deploy/ against their tools; with the URL of a service (and a key) its figures too
+deploy-check *arguments:
+    deploy/check {{arguments}}
+
+# feed the parsers what strangers might send (libFuzzer), so many seconds each
+fuzz seconds="60" *targets:
+    fuzz/run {{seconds}} {{targets}}
+
+# drive a service that runs by a generated client, and by schemathesis
+clients url key="" examples="100":
+    tests/clients/run "{{url}}" "{{key}}" "{{examples}}"
+
 # orient the real images of all datasets, with all approximations, and compare with their references
 bench-real:
     #!/usr/bin/env bash

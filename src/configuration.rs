@@ -3,12 +3,13 @@
 //! The names are the same everywhere: `upload_max_bytes = 1000000` in the file is `GABLE_UPLOAD_MAX_BYTES=1000000` in
 //! the environment. Each has its unit in its name.
 
+mod callers;
+
 use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use chrono::TimeDelta;
 use serde::{Deserialize, Serialize};
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema as _, ToSchema};
@@ -17,8 +18,6 @@ use crate::diagnosis::Policy;
 use crate::imagery::Limits;
 use crate::learning::Costs;
 use crate::store::Place;
-use crate::store::accounts::Lasting;
-use crate::webhooks::{Policy as WebhookPolicy, Secret};
 
 /// How the log is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -53,6 +52,18 @@ pub struct Configuration {
     pub log_format: LogFormat,
     /// The largest image that may be uploaded.
     pub upload_max_bytes: u64,
+    /// How long an upload that can be resumed is kept after the last of its bytes.
+    pub upload_kept_s: u64,
+    /// The most bytes of all images together; further ones get 507. 0: as many as there is room for.
+    pub images_max_bytes: u64,
+    /// How long images are kept after their upload, in days; 0 is for ever.
+    pub keep_images_days: u32,
+    /// How long orientations with a green verdict are kept after their end, in days; 0 is for ever.
+    pub keep_orientations_green_days: u32,
+    /// How long those with a yellow verdict are kept.
+    pub keep_orientations_yellow_days: u32,
+    /// How long those with a red verdict are kept, and those that have failed or were cancelled.
+    pub keep_orientations_red_days: u32,
     /// Room that uploads leave on the disk, for the database to go on.
     pub disk_reserve_bytes: u64,
     /// The largest body of any other request but an import of control points or scenes.
@@ -149,6 +160,12 @@ impl Default for Configuration {
             log: String::from("info"),
             log_format: LogFormat::Text,
             upload_max_bytes: 2_000_000_000,
+            upload_kept_s: 24 * 3600,
+            images_max_bytes: 0,
+            keep_images_days: 0,
+            keep_orientations_green_days: 0,
+            keep_orientations_yellow_days: 0,
+            keep_orientations_red_days: 0,
             disk_reserve_bytes: 200_000_000,
             body_max_bytes: 1_000_000,
             import_max_bytes: 100_000_000,
@@ -336,8 +353,9 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 21] = [
+        let positive: [(&'static str, u64); 22] = [
             ("upload_max_bytes", self.upload_max_bytes),
+            ("upload_kept_s", self.upload_kept_s),
             ("body_max_bytes", self.body_max_bytes as u64),
             ("import_max_bytes", self.import_max_bytes as u64),
             ("image_max_side_px", self.image_max_side_px.into()),
@@ -372,6 +390,7 @@ impl Configuration {
             ("shutdown_timeout_s", self.shutdown_timeout_s),
             ("idempotency_kept_s", self.idempotency_kept_s),
             ("wait_max_s", self.wait_max_s),
+            ("upload_kept_s", self.upload_kept_s),
             ("job_timeout_s", self.job_timeout_s),
             ("session_idle_s", self.session_idle_s),
             ("session_max_s", self.session_max_s),
@@ -382,6 +401,7 @@ impl Configuration {
             }
         }
         self.check_costs()?;
+        self.check_days()?;
         for (key, value) in [("connections_max", self.connections_max), ("requests_max", self.requests_max)] {
             if value > tokio::sync::Semaphore::MAX_PERMITS {
                 let value = value.to_string();
@@ -393,65 +413,28 @@ impl Configuration {
 }
 
 impl Configuration {
-    /// Whether browsers are to send cookies back through TLS alone.
-    #[must_use]
-    pub fn cookies_are_secure(&self) -> bool {
-        self.cookie_secure.unwrap_or(!self.listen.ip().is_loopback())
-    }
-
-    /// How long logins last.
-    #[must_use]
-    pub fn sessions_last(&self) -> Lasting {
-        // `check` has seen that they are no longer than a year
-        let seconds = |seconds: u64| TimeDelta::seconds(i64::try_from(seconds).unwrap_or(i64::from(i32::MAX)));
-        Lasting { idle: seconds(self.session_idle_s), most: seconds(self.session_max_s) }
-    }
-
-    /// Which addresses webhooks may go to.
-    #[must_use]
-    pub fn webhook_policy(&self) -> WebhookPolicy {
-        let hosts = self.webhook_hosts.split(',').map(|host| host.trim().to_ascii_lowercase());
-        WebhookPolicy {
-            hosts: hosts.filter(|host| !host.is_empty()).collect(),
-            allow_loopback: self.webhook_allow_loopback,
-        }
-    }
-
-    fn check_callers(&self) -> Result<(), ConfigurationError> {
-        let rates = [("rate_per_s", self.rate_per_s, 0.0), ("rate_burst", self.rate_burst, 1.0)];
-        for (key, value, least) in rates {
-            if !(least..=1e9).contains(&value) {
-                let wanted = if least > 0.0 { "from 1 to 1e9" } else { "from 0 to 1e9" };
-                return Err(ConfigurationError::OutOfRange { key, value: value.to_string(), wanted });
-            }
-        }
-        if self.session_idle_s < 300 {
-            let value = self.session_idle_s.to_string();
-            return Err(ConfigurationError::OutOfRange { key: "session_idle_s", value, wanted: "at least 300" });
-        }
-        let host_fits = |host: &String| {
-            let name = host.strip_prefix("*.").unwrap_or(host);
-            !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._[]:".contains(&b))
-        };
-        if let Some(host) = self.webhook_policy().hosts.into_iter().find(|host| !host_fits(host)) {
-            let wanted = "names of hosts with commas between them, *.example.org for all below one";
-            return Err(ConfigurationError::OutOfRange { key: "webhook_hosts", value: host, wanted });
-        }
-        // its value is not told
-        if self.webhook_secret.as_ref().is_some_and(|secret| secret.parse::<Secret>().is_err()) {
-            let (value, wanted) = (String::from("malformed"), "whsec_ and 24 to 64 bytes in base64");
-            return Err(ConfigurationError::OutOfRange { key: "webhook_secret", value, wanted });
-        }
-        Ok(())
-    }
-}
-
-impl Configuration {
     /// What the verdicts follow where a request does not say.
     #[must_use]
     pub fn policy(&self) -> Policy {
         let costs = Costs { cc: self.cost_cc, cw: self.cost_cw, wc: self.cost_wc, ww: self.cost_ww };
         Policy { costs, caution: (self.caution >= 1.0).then_some(self.caution), threshold: self.threshold }
+    }
+
+    fn check_days(&self) -> Result<(), ConfigurationError> {
+        const MOST_DAYS: u32 = 36_600;
+        let days = [
+            ("keep_images_days", self.keep_images_days),
+            ("keep_orientations_green_days", self.keep_orientations_green_days),
+            ("keep_orientations_yellow_days", self.keep_orientations_yellow_days),
+            ("keep_orientations_red_days", self.keep_orientations_red_days),
+        ];
+        match days.into_iter().find(|(_, days)| *days > MOST_DAYS) {
+            Some((key, days)) => {
+                let wanted = "at most 36600, a hundred years; 0 is for ever";
+                Err(ConfigurationError::OutOfRange { key, value: days.to_string(), wanted })
+            }
+            None => Ok(()),
+        }
     }
 
     fn check_costs(&self) -> Result<(), ConfigurationError> {

@@ -33,6 +33,8 @@ pub mod database;
 
 pub mod control;
 
+pub mod flight;
+
 pub mod store;
 
 pub mod report;

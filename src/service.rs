@@ -148,8 +148,11 @@ impl Service {
         let watching = tokio::spawn(http::health::watch(self.state.clone(), stop.clone()));
         let telling =
             self.webhooks.map(|sender| tokio::spawn(webhooks::run(self.state.store.clone(), sender, stop.clone())));
+        let state = self.state.clone();
+        let sweeping = tokio::spawn(async move { state.keep_sweeping().await });
         http::serve::serve(self.listener, self.app, &self.state, stop).await;
         watching.abort();
+        sweeping.abort();
         if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
             tracing::warn!("orientations under way do not end; they are taken up at the next start");
         }

@@ -46,6 +46,7 @@ const ROOMS: &[Room] = &[
     Room("imagery", &["features"]),
     Room("database", &[]),
     Room("control", &["geometry", "scenes", "orientation", "pipeline", "database"]),
+    Room("flight", &["geometry"]),
     Room("store", &["geometry", "database"]),
     Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
@@ -86,6 +87,7 @@ const ROOMS: &[Room] = &[
             "imagery",
             "database",
             "control",
+            "flight",
             "store",
             "report",
             "jobs",

@@ -3,6 +3,7 @@
 mod account;
 mod audit;
 mod backup;
+mod block;
 mod classifier;
 mod dataset;
 mod demo;
@@ -58,6 +59,7 @@ enum Command {
     Restore(backup::Restore),
     Doctor(doctor::Doctor),
     Import(import::Import),
+    Block(block::BlockCommand),
     Orient(Box<orient::Orient>),
     Interior(interior::Interior),
     Scene(scene::SceneCommand),
@@ -84,6 +86,7 @@ impl Command {
             Self::Restore(command) => command.run().await,
             Self::Doctor(command) => command.run().await,
             Self::Import(command) => command.run().await,
+            Self::Block(command) => command.run().await,
             Self::Orient(command) => command.run().await,
             Self::Interior(command) => command.run().await,
             Self::Scene(command) => command.run().await,

@@ -172,6 +172,12 @@ const IN_BOX: Dialects = Dialects {
                SELECT * FROM near WHERE id > $5 ORDER BY id LIMIT $6",
 };
 
+/// The search of one box, to look at how it is answered.
+#[cfg(test)]
+pub(super) fn searched(database: &Database, region: GeodeticBox) -> Query {
+    with_box(query(database.dialect(IN_BOX)), region).bind(0_i64).bind(i64::MAX)
+}
+
 /// A row with its number.
 pub(super) trait Numbered {
     /// The number, by which rows are ordered.
@@ -232,6 +238,21 @@ pub async fn by_name(database: &Database, name: &str) -> Result<Option<StoredCon
     .fetch_optional(database)
     .await?;
     row.map(|row| Ok(row.with_id()?.1)).transpose()
+}
+
+/// Removes the control point of a name; `false` if there is none.
+///
+/// # Errors
+/// [`ControlError`] if the database fails.
+pub async fn remove(database: &Database, name: &str) -> Result<bool, ControlError> {
+    let mut transaction = database.begin().await?;
+    let removed = query("DELETE FROM control_points WHERE name = $1 RETURNING id").bind(name);
+    let id: Option<i64> = removed.fetch_optional_value(&mut transaction).await?;
+    if let (Some(id), Transaction::Sqlite(_)) = (id, &transaction) {
+        query("DELETE FROM control_point_boxes WHERE id = $1").bind(id).execute(&mut transaction).await?;
+    }
+    transaction.commit().await?;
+    Ok(id.is_some())
 }
 
 /// How many control points there are.

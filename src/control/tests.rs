@@ -394,3 +394,51 @@ async fn of_many_scenes_in_view_some_are_taken_that_are_spread_over_it() {
     assert_eq!(found(Reach { most_scene_pixels: 100_000, ..Reach::default() }).await.len(), 5);
     assert_eq!(found(Reach { most_scene_bytes: 20, ..Reach::default() }).await.len(), 6);
 }
+
+/// A million buildings of one edge each: what may be in view is found by the index, and soon.
+///
+/// `cargo test --release --lib -- --ignored a_million`
+#[tokio::test]
+#[ignore = "takes a minute"]
+async fn a_million_control_points_are_searched_by_their_index() {
+    let pool = database().await;
+    let fill = match &pool {
+        Database::Sqlite(_) => [
+            "WITH RECURSIVE numbers (n) AS (SELECT 0 UNION ALL SELECT n + 1 FROM numbers WHERE n < 999999)
+             INSERT INTO control_points (name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges)
+             SELECT 'b' || n, 0.1, 0, 0, 0, zeroblob(48) FROM numbers",
+            "INSERT INTO control_point_boxes
+             SELECT id, 8 + id % 1000 * 0.001, 8.0001 + id % 1000 * 0.001, 50 + id / 1000 * 0.001, 50.0001 + id / 1000 * 0.001
+             FROM control_points",
+        ],
+        Database::Postgres(_) => [
+            "INSERT INTO control_points (name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges, extent)
+             SELECT 'b' || n, 0.1, 0, 0, 0, decode(repeat('00', 48), 'hex'),
+                    box(point(8 + n % 1000 * 0.001, 50 + n / 1000 * 0.001), point(8.0001 + n % 1000 * 0.001, 50.0001 + n / 1000 * 0.001))
+             FROM generate_series(0, 999999) AS n",
+            "ANALYZE control_points",
+        ],
+    };
+    for sql in fill {
+        query(sql).execute(&pool).await.unwrap();
+    }
+    assert_eq!(points::count(&pool).await.unwrap(), 1_000_000);
+    let mut times = Vec::new();
+    for place in 0..200 {
+        // some 1.5 km by 1 km
+        let (lon, lat) = (8.0 + f64::from(place) * 0.0045, 50.05 + f64::from(place) * 0.0044);
+        let region = GeodeticBox::around_place([lon + 0.05, lat], 600.0);
+        let began = std::time::Instant::now();
+        let found = points::in_box(&pool, region, 0, usize::MAX).await.unwrap();
+        times.push(began.elapsed().as_secs_f64());
+        assert!(found.len() > 100, "{}", found.len());
+    }
+    times.sort_by(f64::total_cmp);
+    println!("a window among a million control points: p50 {:.1} ms, p95 {:.1} ms", 1e3 * times[100], 1e3 * times[190]);
+    assert!(times[190] < 0.02, "{times:?}");
+    let region = GeodeticBox::around_place([8.5, 50.5], 600.0);
+    let told = crate::store::orientations::million::plan(&pool, points::searched(&pool, region)).await;
+    println!("{told}");
+    let index = told.contains("VIRTUAL TABLE INDEX") || told.contains("control_points_by_extent");
+    assert!(index && !told.contains("Seq Scan"), "{told}");
+}

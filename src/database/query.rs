@@ -134,6 +134,13 @@ impl Query {
         self
     }
 
+    /// Puts text before it.
+    #[cfg(test)]
+    pub(crate) fn before(mut self, text: &'static str) -> Self {
+        self.sql = AssertSqlSafe(format!("{text}{}", self.sql.as_str())).into_sql_str();
+        self
+    }
+
     /// Runs it: the number of rows that it has written.
     ///
     /// # Errors

@@ -59,9 +59,24 @@ pub const ROUTES: &[(Method, &str, Access)] = &[
     (Method::GET, "/api/v1/images", READER),
     (Method::POST, "/api/v1/images", OPERATOR),
     (Method::GET, "/api/v1/images/{id}", READER),
+    (Method::DELETE, "/api/v1/images/{id}", OPERATOR),
+    (Method::OPTIONS, "/api/v1/uploads", PUBLIC),
+    (Method::POST, "/api/v1/uploads", OPERATOR),
+    (Method::HEAD, "/api/v1/uploads/{id}", OPERATOR),
+    (Method::GET, "/api/v1/uploads/{id}", OPERATOR),
+    (Method::PATCH, "/api/v1/uploads/{id}", OPERATOR),
+    (Method::DELETE, "/api/v1/uploads/{id}", OPERATOR),
+    (Method::GET, "/api/v1/blocks", READER),
+    (Method::POST, "/api/v1/blocks", OPERATOR),
+    (Method::GET, "/api/v1/blocks/{id}", READER),
+    (Method::DELETE, "/api/v1/blocks/{id}", OPERATOR),
+    (Method::GET, "/api/v1/blocks/{id}/images", READER),
+    (Method::PUT, "/api/v1/blocks/{id}/images/{name}", OPERATOR),
+    (Method::GET, "/api/v1/blocks/{id}/results", READER),
     (Method::GET, "/api/v1/control-points", READER),
     (Method::POST, "/api/v1/control-points", OPERATOR),
     (Method::GET, "/api/v1/control-points/{name}", READER),
+    (Method::DELETE, "/api/v1/control-points/{name}", OPERATOR),
     (Method::GET, "/api/v1/control-points/{name}/health", READER),
     (Method::GET, "/api/v1/control-scenes", READER),
     (Method::POST, "/api/v1/control-scenes", OPERATOR),
@@ -106,8 +121,10 @@ pub const ROUTES: &[(Method, &str, Access)] = &[
 /// What a route asks of its caller; `None` if it is not in the table.
 #[must_use]
 pub fn access(method: &Method, path: &str) -> Option<Access> {
-    let method = if method == Method::HEAD { &Method::GET } else { method };
-    ROUTES.iter().find(|(m, p, _)| m == method && *p == path).map(|(_, _, access)| *access)
+    let rule = |method: &Method| ROUTES.iter().find(|(m, p, _)| m == method && *p == path);
+    // what answers GET answers HEAD too
+    let rule = rule(method).or_else(|| if method == Method::HEAD { rule(&Method::GET) } else { None });
+    rule.map(|(_, _, access)| *access)
 }
 
 /// Who is calling. Handlers of routes that are not public may ask for it.

@@ -17,7 +17,7 @@ pub(super) struct AreaQuery {
     #[param(example = "16.63,52.77,16.64,52.78")]
     pub(super) bbox: Option<String>,
     /// The CRS of `bbox` and of the answer; default: EPSG:4979. What it does not reach is left out.
-    #[param(example = "EPSG:4979")]
+    #[param(example = "EPSG:4979", min_length = 1)]
     crs: Option<String>,
     /// Gives heights above the geoid: ellipsoidal height - this.
     pub(super) geoid_undulation_m: Option<f64>,
@@ -25,6 +25,7 @@ pub(super) struct AreaQuery {
     #[param(minimum = 1, maximum = 200)]
     pub(super) limit: Option<u32>,
     /// `next_cursor` of the page before.
+    #[param(min_length = 1)]
     pub(super) cursor: Option<String>,
 }
 
@@ -34,6 +35,7 @@ pub(super) struct AreaQuery {
 #[into_params(parameter_in = Query)]
 pub(super) struct CrsQuery {
     /// The CRS of the answer; default: EPSG:4979.
+    #[param(min_length = 1)]
     crs: Option<String>,
     /// Gives heights above the geoid: ellipsoidal height - this.
     pub(super) geoid_undulation_m: Option<f64>,

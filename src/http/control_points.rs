@@ -24,7 +24,25 @@ use crate::report::Warning;
 pub fn routes() -> OpenApiRouter<AppState> {
     // the import has a limit of its own
     let import = OpenApiRouter::new().routes(routes!(import)).layer(DefaultBodyLimit::disable());
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read)).routes(routes!(health::health)).merge(import)
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(read, remove))
+        .routes(routes!(health::health))
+        .merge(import)
+}
+
+/// A GeoJSON `FeatureCollection` of control points; what else it has is ignored.
+#[derive(ToSchema)]
+#[schema(as = ControlPointCollection)]
+#[expect(dead_code, reason = "only describes the body, which is read a feature at a time")]
+struct Collection {
+    /// Always `FeatureCollection`.
+    #[schema(example = "FeatureCollection", pattern = "^FeatureCollection$")]
+    r#type: String,
+    /// Each as it is listed: a `MultiLineString`, and the properties `name`, `sigma_m` and, if need be, `reference`. Those
+    /// that are none are told in the answer.
+    #[schema(value_type = Vec<serde_json::Value>)]
+    features: Vec<ControlPointFeature>,
 }
 
 /// Where an import comes from.
@@ -33,7 +51,7 @@ pub fn routes() -> OpenApiRouter<AppState> {
 #[into_params(parameter_in = Query)]
 struct ImportQuery {
     /// The CRS of the coordinates: `EPSG:<code>` or a PROJ string.
-    #[param(example = "EPSG:25832")]
+    #[param(example = "EPSG:25832", min_length = 1)]
     crs: String,
     /// What makes the heights ellipsoidal: height above the geoid + this = ellipsoidal height.
     geoid_undulation_m: Option<f64>,
@@ -62,7 +80,7 @@ struct ImportAnswer {
 #[utoipa::path(
     post, path = "/control-points", operation_id = "import_control_points", tag = "control points", params(ImportQuery),
     request_body(content(
-        (serde_json::Value = "application/geo+json"), (serde_json::Value = "application/json"),
+        (Collection = "application/geo+json"), (Collection = "application/json"),
     )),
     responses(
         (status = 200, description = "What was imported, updated and rejected", body = ImportAnswer),
@@ -96,7 +114,7 @@ async fn import(
     Ok(axum::Json(ImportAnswer { report, warnings }))
 }
 
-async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {
+pub(super) async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {
     to_bytes(body, max_bytes).await.map_err(|error| {
         let source = std::error::Error::source(&error);
         if source.is_some_and(|source| source.is::<http_body_util::LengthLimitError>()) {
@@ -178,6 +196,25 @@ async fn read(
     let feature =
         feature.ok_or_else(|| Problem::invalid_field("?crs", format!("the control point does not lie in {crs}")));
     Ok(axum::Json(feature?))
+}
+
+/// Remove a control point
+///
+/// Orientations under way may still use it; results keep it.
+#[utoipa::path(
+    delete, path = "/control-points/{name}", operation_id = "remove_control_point", tag = "control points",
+    params(("name" = String, Path, description = "Its name")),
+    responses(
+        (status = 204, description = "Removed"),
+        (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn remove(State(state): State<AppState>, Path(name): Path<String>) -> Result<StatusCode, Problem> {
+    if points::remove(state.store.database(), &name).await? {
+        return Ok(StatusCode::NO_CONTENT);
+    }
+    Err(Problem::not_found("There is no control point of this name."))
 }
 
 impl From<ControlError> for Problem {

@@ -18,6 +18,7 @@ pub use request::{CheckedScene, ControlSceneRequest};
 use super::area::{AreaQuery, CrsQuery, Rectangle, cursor};
 use super::extract::{Path, Query};
 use super::idempotency::NewId;
+use super::openapi::Binary;
 use super::page::{Page, Wanted};
 use super::problem::Problem;
 use super::state::AppState;
@@ -246,7 +247,7 @@ async fn read(
     ),
     responses(
         (status = 200, description = "The picture", content(
-            (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"),
+            (inline(Binary) = "image/jpeg"), (inline(Binary) = "image/png"), (inline(Binary) = "image/tiff"),
         )),
         (status = 304, description = "It is what the client has"),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),

@@ -17,11 +17,13 @@ use uuid::Uuid;
 
 use super::extract::{Path, Query, body_problem, media_type, refuse_encoded};
 use super::idempotency::NewId;
+use super::openapi::Binary;
 use super::page::{Page, PageQuery};
 use super::problem::Problem;
 use super::state::AppState;
 use crate::imagery::{self, Format, ImageryError, Limits};
 use crate::store::images::{GeographicPosition, Header, Image, Received, Upload, hexadecimal};
+use crate::store::removal::Removal;
 
 const MEDIA_TYPES: &str = "image/jpeg, image/png, image/tiff, or multipart/form-data with a part `file`";
 
@@ -29,7 +31,7 @@ const MEDIA_TYPES: &str = "image/jpeg, image/png, image/tiff, or multipart/form-
 pub fn routes() -> OpenApiRouter<AppState> {
     // the upload counts its bytes itself, as they come
     let upload = OpenApiRouter::new().routes(routes!(upload)).layer(DefaultBodyLimit::disable());
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read)).merge(upload)
+    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read, remove)).merge(upload)
 }
 
 /// An image.
@@ -99,7 +101,8 @@ impl From<Image> for ImageAnswer {
 #[utoipa::path(
     post, path = "/images", operation_id = "upload_image", tag = "images",
     request_body(content(
-        (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"), (Form = "multipart/form-data"),
+        (inline(Binary) = "image/jpeg"), (inline(Binary) = "image/png"), (inline(Binary) = "image/tiff"),
+        (Form = "multipart/form-data"),
     )),
     params(
         ("Content-Digest" = Option<String>, Header, description = "`sha-256=:<base64>:` of the body"),
@@ -113,11 +116,19 @@ impl From<Image> for ImageAnswer {
         (status = 413, description = "Larger than this service accepts, in bytes or pixels", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "Not a JPEG, PNG or TIFF, or not what its type says", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "A damaged picture, or another digest than declared", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "No room left on disk", body = Problem, content_type = "application/problem+json"),
+        (status = 507, description = "No room left on disk, or as many bytes of images as the service may have (`images_max_bytes`)", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
 async fn upload(State(state): State<AppState>, NewId(id): NewId, request: Request) -> Result<Response, Problem> {
+    let (image, new) = receive(&state, id, request).await?;
+    let status = if new { StatusCode::CREATED } else { StatusCode::OK };
+    let location = format!("/api/v1/images/{}", image.id);
+    Ok((status, [(header::LOCATION, location)], axum::Json(ImageAnswer::from(image))).into_response())
+}
+
+/// Takes the image of a request in, as `id` unless its bytes are there already; whether it is new comes with it.
+pub(super) async fn receive(state: &AppState, id: Uuid, request: Request) -> Result<(Image, bool), Problem> {
     let headers = request.headers();
     let kind = media_type(headers).unwrap_or_default();
     let is_form = kind == "multipart/form-data";
@@ -136,7 +147,8 @@ async fn upload(State(state): State<AppState>, NewId(id): NewId, request: Reques
     if declared_bytes.is_some_and(|bytes| bytes > max_bytes) {
         return Err(too_large(max_bytes));
     }
-    refuse_if_no_room(&state, declared_bytes.unwrap_or(0))?;
+    refuse_if_no_room(state, declared_bytes.unwrap_or(0))?;
+    refuse_over_quota(state, declared_bytes.unwrap_or(0)).await?;
     let target = Target { upload: state.store.begin_upload()?, max_bytes };
     let (received, declared) = if is_form {
         receive_form(request, target, declared).await?
@@ -144,12 +156,19 @@ async fn upload(State(state): State<AppState>, NewId(id): NewId, request: Reques
         (receive_body(request.into_body(), target).await?, declared)
     };
     declared.check(&received)?;
-    let limits = state.configuration.image_limits();
-    let (received, header) = probe(received, declared.format, limits).await?;
-    let (image, new) = state.store.keep_image(id, received, &header).await?;
-    let status = if new { StatusCode::CREATED } else { StatusCode::OK };
-    let location = format!("/api/v1/images/{}", image.id);
-    Ok((status, [(header::LOCATION, location)], axum::Json(ImageAnswer::from(image))).into_response())
+    refuse_over_quota(state, received.size_bytes).await?;
+    keep(state, id, received, declared.format).await
+}
+
+/// Keeps what was received, if it is an image, of this format if one was declared.
+pub(super) async fn keep(
+    state: &AppState,
+    id: Uuid,
+    received: Received,
+    declared: Option<Format>,
+) -> Result<(Image, bool), Problem> {
+    let (received, header) = probe(received, declared, state.configuration.image_limits()).await?;
+    Ok(state.store.keep_image(id, received, &header).await?)
 }
 
 /// A form with a file.
@@ -184,7 +203,7 @@ impl Declared {
     }
 }
 
-fn format_of(media_type: &str) -> Result<Format, Problem> {
+pub(super) fn format_of(media_type: &str) -> Result<Format, Problem> {
     [Format::Jpeg, Format::Png, Format::Tiff]
         .into_iter()
         .find(|format| format.media_type() == media_type)
@@ -218,7 +237,16 @@ pub(super) fn refuse_if_no_room(state: &AppState, needed_bytes: u64) -> Result<(
     Ok(())
 }
 
-fn too_large(max_bytes: u64) -> Problem {
+/// Refuses what does not fit into the room that all images together may have.
+pub(super) async fn refuse_over_quota(state: &AppState, needed_bytes: u64) -> Result<(), Problem> {
+    let max_bytes = state.configuration.images_max_bytes;
+    if max_bytes > 0 && state.store.images_bytes().await?.saturating_add(needed_bytes) > max_bytes {
+        return Err(Problem::quota_exceeded(max_bytes));
+    }
+    Ok(())
+}
+
+pub(super) fn too_large(max_bytes: u64) -> Problem {
     Problem::too_large(format!("The image is larger than the {max_bytes} bytes that this service accepts."))
 }
 
@@ -350,4 +378,28 @@ async fn list(
 async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axum::Json<ImageAnswer>, Problem> {
     let image = state.store.image(id).await?;
     Ok(axum::Json(image.ok_or_else(|| Problem::not_found("There is no image with this id."))?.into()))
+}
+
+/// Remove an image
+///
+/// Its file is gone then, and with it its overlays; orientations keep their results. The same bytes uploaded again bring
+/// it back under the same id.
+#[utoipa::path(
+    delete, path = "/images/{id}", operation_id = "remove_image", tag = "images",
+    params(("id" = Uuid, Path, description = "The image's id")),
+    responses(
+        (status = 204, description = "Removed"),
+        (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "An orientation of it waits or runs", body = Problem, content_type = "application/problem+json"),
+        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
+    ),
+)]
+async fn remove(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<StatusCode, Problem> {
+    match state.store.remove_image(id).await? {
+        Removal::Done => Ok(StatusCode::NO_CONTENT),
+        Removal::Missing => Err(Problem::not_found("There is no image with this id.")),
+        Removal::InUse => {
+            Err(Problem::conflict("An orientation of this image waits or runs; cancel it, or wait for its end."))
+        }
+    }
 }

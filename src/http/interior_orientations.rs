@@ -59,6 +59,7 @@ struct ListQuery {
     #[param(minimum = 1, maximum = 200)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
+    #[param(min_length = 1)]
     cursor: Option<String>,
 }
 
@@ -80,7 +81,7 @@ impl ListQuery {
 #[utoipa::path(
     post, path = "/interior-orientations", operation_id = "orient_interior", tag = "interior orientations",
     request_body = InteriorRequest,
-    params(("Idempotency-Key" = Option<String>, Header, description = "Makes the request safe to repeat")),
+    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
     responses(
         (status = 201, description = "Found out, whatever the verdict", body = InteriorOrientationAnswer),
         (status = 422, description = "A field makes no sense, the camera is a digital one, or the image cannot be read", body = Problem, content_type = "application/problem+json"),

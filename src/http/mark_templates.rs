@@ -15,6 +15,7 @@ use uuid::Uuid;
 
 use super::extract::{Path, Query};
 use super::idempotency::NewId;
+use super::openapi::Binary;
 use super::page::{Page, PageQuery};
 use super::problem::Problem;
 use super::state::AppState;
@@ -203,7 +204,7 @@ async fn read(
     get, path = "/mark-templates/{id}/picture", operation_id = "show_mark_template_picture", tag = "cameras",
     params(("id" = String, Path, description = "The template's id or name")),
     responses(
-        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 200, description = "The picture", body = inline(Binary), content_type = "image/png"),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),

@@ -8,6 +8,7 @@ pub mod access;
 pub mod accounts;
 mod area;
 pub mod audit;
+pub mod blocks;
 pub mod cameras;
 pub mod classifiers;
 pub mod control_points;
@@ -32,6 +33,7 @@ pub mod request_id;
 pub mod serve;
 pub mod session;
 pub mod state;
+pub mod uploads;
 pub mod webhooks;
 
 use std::any::Any;
@@ -55,6 +57,8 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(cameras::routes())
         .merge(mark_templates::routes())
         .merge(images::routes())
+        .merge(uploads::routes())
+        .merge(blocks::routes())
         .merge(control_points::routes())
         .merge(control_scenes::routes())
         .merge(interior_orientations::routes())

@@ -25,8 +25,10 @@ use super::state::AppState;
 use crate::imagery::{self, ImageryError};
 use crate::jobs::SubmitError;
 use crate::jobs::request::{ImageFacts, OrientationRequest};
+use crate::store::cameras::NamedCamera;
 use crate::store::images::Image;
 use crate::store::orientations::{Filter, NewOrientation, Orientation, Status};
+use crate::store::removal::Removal;
 use answer::OrientationAnswer;
 
 /// After a full queue, when to come back.
@@ -58,6 +60,7 @@ struct ListQuery {
     #[param(minimum = 1, maximum = 200)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
+    #[param(min_length = 1)]
     cursor: Option<String>,
 }
 
@@ -90,7 +93,7 @@ impl ListQuery {
     post, path = "/orientations", operation_id = "orient", tag = "orientations", request_body = OrientationRequest,
     params(
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when it has ended, at the latest after N seconds"),
-        ("Idempotency-Key" = Option<String>, Header, description = "Makes the request safe to repeat"),
+        ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat"),
     ),
     responses(
         (status = 202, description = "Accepted; `Location` says where to look", body = OrientationAnswer),
@@ -136,7 +139,18 @@ pub(super) async fn checked(
     let image = image.ok_or_else(|| Problem::invalid_field("/image", "there is no image with this id"))?;
     let camera = state.store.camera(&request.camera).await?;
     let camera = camera.ok_or_else(|| Problem::invalid_field("/camera", "there is no camera with this id or name"))?;
-    let facts = facts(state, &image, request).await?;
+    checked_of(state, id, request, (&image, &camera), lane).await
+}
+
+/// Checks everything, for an image and a camera that are found.
+pub(super) async fn checked_of(
+    state: &AppState,
+    id: Uuid,
+    request: &OrientationRequest,
+    (image, camera): (&Image, &NamedCamera),
+    lane: String,
+) -> Result<NewOrientation, Problem> {
+    let facts = facts(state, image, request).await?;
     let mut prepared = request.prepare(camera.image_size_px(), &facts).map_err(|faults| Problem::of_faults(&faults))?;
     if let Some(webhook) = &request.webhook {
         let allowed = state.configuration.webhook_policy().check(webhook);
@@ -210,26 +224,49 @@ async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axu
     Ok(axum::Json(OrientationAnswer::new(found(&state, id).await?)?))
 }
 
+/// What is to become of an orientation.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct CancelQuery {
+    /// `true` removes an orientation that has ended, with its result, instead of cancelling one that has not.
+    #[serde(default)]
+    forget: bool,
+}
+
 /// Cancel an orientation
 ///
-/// An attempt under way ends soon. What was cancelled before is answered the same.
+/// An attempt under way ends soon. What was cancelled before is answered the same. With `forget=true` one that has ended
+/// is removed with its result, for good.
 #[utoipa::path(
     delete, path = "/orientations/{id}", operation_id = "cancel_orientation", tag = "orientations",
-    params(("id" = Uuid, Path, description = "The orientation's id")),
+    params(("id" = Uuid, Path, description = "The orientation's id"), CancelQuery),
     responses(
         (status = 200, description = "Cancelled", body = OrientationAnswer),
+        (status = 204, description = "Removed, as asked for by `forget`"),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It has ended already", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It has ended already; with `forget`, it has not", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
-async fn cancel(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axum::Json<OrientationAnswer>, Problem> {
+async fn cancel(
+    State(state): State<AppState>,
+    Path(id): Path<Uuid>,
+    Query(query): Query<CancelQuery>,
+) -> Result<Response, Problem> {
+    if query.forget {
+        return match state.store.forget_orientation(id).await? {
+            Removal::Done => Ok(StatusCode::NO_CONTENT.into_response()),
+            Removal::Missing => Err(missing()),
+            Removal::InUse => Err(Problem::conflict("It has not ended; cancel it first.")),
+        };
+    }
     state.jobs.cancel(id).await?;
     let orientation = found(&state, id).await?;
     if orientation.status != Status::Cancelled {
         return Err(Problem::conflict(format!("It has {} already.", orientation.status.name())));
     }
-    Ok(axum::Json(OrientationAnswer::new(orientation)?))
+    Ok(axum::Json(OrientationAnswer::new(orientation)?).into_response())
 }
 
 async fn found(state: &AppState, id: Uuid) -> Result<Orientation, Problem> {

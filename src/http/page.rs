@@ -29,6 +29,7 @@ pub struct PageQuery {
     #[param(minimum = 1, maximum = 200)]
     limit: Option<u32>,
     /// `next_cursor` of the page before.
+    #[param(min_length = 1)]
     cursor: Option<String>,
 }
 
@@ -39,6 +40,20 @@ impl PageQuery {
     /// 422 if the parameters make no sense.
     pub fn wanted(&self) -> Result<Wanted, Problem> {
         Wanted::new(self.limit, self.cursor.as_deref())
+    }
+
+    /// How many items are wanted, of a list with cursors of its own.
+    ///
+    /// # Errors
+    /// 422 if there are none or too many.
+    pub fn limit(&self) -> Result<u32, Problem> {
+        Ok(Wanted::new(self.limit, None)?.limit)
+    }
+
+    /// Where the page begins, of a list with cursors of its own.
+    #[must_use]
+    pub fn cursor(&self) -> Option<&str> {
+        self.cursor.as_deref()
     }
 }
 

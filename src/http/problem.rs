@@ -10,6 +10,7 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use sqlx::error::DatabaseError;
+use sqlx::postgres::PgDatabaseError;
 use utoipa::ToSchema;
 
 use super::request_id;
@@ -48,7 +49,8 @@ pub struct Problem {
 /// A field that is at fault.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct FieldError {
-    /// JSON Pointer (RFC 6901) into the body; `?name` for a parameter of the query, a header's name for a header.
+    /// JSON Pointer (RFC 6901) into the body; `?name` for a parameter of the query, a header's name for a header, `line N`
+    /// for a line of a text.
     #[schema(example = "/principal_distance_px")]
     pub pointer: String,
     /// What is wrong with it.
@@ -127,6 +129,33 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, "urn:gable:problem:conflict", "This contradicts what is there", detail)
     }
 
+    /// 410: it was there, and is not any more.
+    #[must_use]
+    pub fn gone(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::GONE, "urn:gable:problem:gone", "It is not there any more", detail)
+    }
+
+    /// 412: the protocol of the request is another one.
+    #[must_use]
+    pub fn unsupported_version(detail: impl Into<String>) -> Self {
+        let title = "The version of the protocol is not supported";
+        Self::new(StatusCode::PRECONDITION_FAILED, "urn:gable:problem:unsupported-version", title, detail)
+    }
+
+    /// 423: somebody else is at it.
+    #[must_use]
+    pub fn locked(detail: impl Into<String>) -> Self {
+        let problem = Self::new(StatusCode::LOCKED, "urn:gable:problem:locked", "Somebody else is at it", detail);
+        problem.with_retry_after(1)
+    }
+
+    /// 460, as tus has it: what has arrived is not what was sent.
+    #[must_use]
+    pub fn checksum_mismatch(detail: impl Into<String>) -> Self {
+        let status = StatusCode::from_u16(460).unwrap_or(StatusCode::BAD_REQUEST);
+        Self::new(status, "urn:gable:problem:checksum-mismatch", "What has arrived is not what was sent", detail)
+    }
+
     /// 413: more than the configuration allows.
     #[must_use]
     pub fn too_large(detail: impl Into<String>) -> Self {
@@ -197,7 +226,7 @@ impl Problem {
     /// 503: others hold the database for too long.
     fn busy(cause: &dyn fmt::Display) -> Self {
         tracing::warn!(%cause, "the database is too busy");
-        Self::unavailable("The database is too busy.", 1)
+        Self::unavailable("The database does not answer at present.", 1)
     }
 
     /// 507: the disk is full.
@@ -206,6 +235,17 @@ impl Problem {
         tracing::error!(%cause, "the disk is full");
         let detail = "The service has no room left on its disk.";
         Self::new(StatusCode::INSUFFICIENT_STORAGE, "urn:gable:problem:storage-full", "No room left", detail)
+    }
+
+    /// 507: there are as many images as the configuration allows.
+    #[must_use]
+    pub fn quota_exceeded(max_bytes: u64) -> Self {
+        let detail = format!(
+            "All images together may have {max_bytes} bytes (set by `images_max_bytes`), and this one does not fit any \
+             more; remove images that are not needed."
+        );
+        let title = "No room left";
+        Self::new(StatusCode::INSUFFICIENT_STORAGE, "urn:gable:problem:quota-exceeded", title, detail)
     }
 
     /// Names a field that is at fault.
@@ -263,13 +303,42 @@ impl From<StoreError> for Problem {
             StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::storage_full(&error)
             }
-            StoreError::Database { source: sqlx::Error::PoolTimedOut } => Self::busy(&error),
-            StoreError::Database { source: sqlx::Error::Database(refusal) } => match sqlite_code(refusal.as_ref()) {
-                Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::busy(&error),
-                Some(SQLITE_FULL) => Self::storage_full(&error),
-                _ => Self::internal(&error),
-            },
+            StoreError::JustRemoved => {
+                Self::unavailable("These bytes were being removed at this moment; send them again.", 1)
+            }
+            StoreError::Database { source } => Self::of_database(source, &error),
+            StoreError::Objects { .. } => {
+                tracing::error!(%error, "the object store does not do what it should");
+                Self::unavailable("The object store does not answer.", 5)
+            }
             _ => Self::internal(&error),
+        }
+    }
+}
+
+impl Problem {
+    fn of_database(error: &sqlx::Error, cause: &dyn fmt::Display) -> Self {
+        match error {
+            // a server that restarts, or a network that was cut
+            sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::Io(_) | sqlx::Error::Tls(_) => {
+                Self::busy(cause)
+            }
+            sqlx::Error::Database(refusal) => match refusal.try_downcast_ref::<PgDatabaseError>() {
+                Some(refusal) => match refusal.code() {
+                    "53100" => Self::storage_full(cause),
+                    // resources, operators, locks, and transactions that met
+                    code if ["53", "57P", "08", "55P03", "40"].iter().any(|class| code.starts_with(class)) => {
+                        Self::busy(cause)
+                    }
+                    _ => Self::internal(cause),
+                },
+                None => match sqlite_code(refusal.as_ref()) {
+                    Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::busy(cause),
+                    Some(SQLITE_FULL) => Self::storage_full(cause),
+                    _ => Self::internal(cause),
+                },
+            },
+            _ => Self::internal(cause),
         }
     }
 }

@@ -10,6 +10,7 @@ use tokio::sync::Semaphore;
 use super::rate::Rates;
 use crate::configuration::Configuration;
 use crate::control::near::Reach;
+use crate::jobs::retention::{self, Retention};
 use crate::jobs::{Jobs, Orient, Settings};
 use crate::pipeline;
 use crate::store::{Store, StoreError};
@@ -78,6 +79,22 @@ impl AppState {
     #[must_use]
     pub fn listens_on_loopback(&self) -> bool {
         self.configuration.listen.ip().is_loopback()
+    }
+
+    /// How long things are kept.
+    #[must_use]
+    pub fn retention(&self) -> Retention {
+        Retention {
+            images_days: self.configuration.keep_images_days,
+            green_days: self.configuration.keep_orientations_green_days,
+            yellow_days: self.configuration.keep_orientations_yellow_days,
+            red_days: self.configuration.keep_orientations_red_days,
+        }
+    }
+
+    /// Removes what is not kept any longer, every hour, for ever.
+    pub async fn keep_sweeping(&self) {
+        retention::keep_sweeping(self.store.clone(), self.retention()).await;
     }
 
     /// Notes the use of a key or session beside the request, at most once a minute: nobody waits for it, and if it fails,

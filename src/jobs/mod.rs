@@ -7,6 +7,7 @@
 
 pub mod active;
 mod attempt;
+mod blocks;
 pub mod camera_model;
 pub mod crew;
 pub mod drift;
@@ -15,6 +16,7 @@ pub mod film_camera;
 pub mod interior;
 mod queue;
 pub mod request;
+pub mod retention;
 pub mod scenes;
 #[cfg(test)]
 mod tests;

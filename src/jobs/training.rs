@@ -62,6 +62,10 @@ pub enum Source {
 const PAGE: u32 = 200;
 /// Between two looks at how far a training is.
 const NOTE_INTERVAL: Duration = Duration::from_millis(500);
+/// The lock that the one holds who trains.
+const TRAINING_LOCK: i64 = 0x6761_626c_6503;
+/// How often it is looked for what other services have left.
+const LOOK_INTERVAL: Duration = Duration::from_secs(30);
 /// After an error of the store, before the next try.
 const PAUSE: Duration = Duration::from_secs(5);
 /// Where the tolerance of the request is in ground sample distances and the ground cannot be seen, it is nothing.
@@ -110,12 +114,14 @@ impl Inner {
     /// Trains what waits, one after the other, until the service ends. What is interrupted begins anew with the next start.
     pub(super) async fn train(self: Arc<Self>) {
         while !self.stopping.is_cancelled() {
-            let trained = match self.store.begin_training().await {
-                Ok(Some(stored)) => self.train_one(&stored).await,
-                Ok(None) => {
+            let trained = match self.train_next().await {
+                Ok(true) => Ok(()),
+                Ok(false) => {
                     tokio::select! {
                         () = self.stopping.cancelled() => {}
                         () = self.to_train.notified() => {}
+                        // another service of the same database may have ended in the middle of one
+                        () = tokio::time::sleep(LOOK_INTERVAL), if self.store.database().is_shared() => {}
                     }
                     Ok(())
                 }
@@ -125,6 +131,22 @@ impl Inner {
                 tracing::error!(%error, "no classifier can be trained at present");
                 let _ = tokio::time::timeout(PAUSE, self.stopping.cancelled()).await;
             }
+        }
+    }
+
+    /// Trains the next one that waits; `false` if none does, or another service is at it.
+    async fn train_next(&self) -> Result<bool, StoreError> {
+        let Some(_turn) = self.store.database().try_lock(TRAINING_LOCK).await? else { return Ok(false) };
+        // an uploaded set lies in the data folder of the service that has received it
+        let can = |id, plan: &str| {
+            let plan = serde_json::from_str::<TrainingPlan>(plan);
+            !self.store.database().is_shared()
+                || plan.is_ok_and(|plan| plan.source == Source::History)
+                || upload_path(&self.store, id).exists()
+        };
+        match self.store.begin_training(can).await? {
+            Some(stored) => self.train_one(&stored).await.map(|()| true),
+            None => Ok(false),
         }
     }
 

@@ -202,18 +202,20 @@ impl Store {
         row.map(StoredClassifier::try_from).transpose()
     }
 
-    /// Begins to train the oldest classifier that waits; what was being trained when the service ended waits too.
+    /// Begins to train the oldest classifier that waits and that this service `can` train, by its id and plan; what was
+    /// being trained when the service ended waits too.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn begin_training(&self) -> Result<Option<StoredClassifier>, StoreError> {
-        let row: Option<Row> = query(
-            "UPDATE classifiers SET status = 'training', progress = 0
-             WHERE id = (SELECT id FROM classifiers WHERE status IN ('queued', 'training') ORDER BY id LIMIT 1)
-             RETURNING *",
-        )
-        .fetch_optional(&self.database)
-        .await?;
+    pub async fn begin_training(
+        &self,
+        can: impl Fn(Uuid, &str) -> bool,
+    ) -> Result<Option<StoredClassifier>, StoreError> {
+        let waiting = "SELECT id, plan FROM classifiers WHERE status IN ('queued', 'training') ORDER BY id";
+        let waiting: Vec<(Uuid, String)> = query(waiting).fetch_all(&self.database).await?;
+        let Some((id, _)) = waiting.into_iter().find(|(id, plan)| can(*id, plan)) else { return Ok(None) };
+        let begin = query("UPDATE classifiers SET status = 'training', progress = 0 WHERE id = $1 RETURNING *");
+        let row: Option<Row> = begin.bind(id).fetch_optional(&self.database).await?;
         row.map(StoredClassifier::try_from).transpose()
     }
 
@@ -343,7 +345,7 @@ mod tests {
         assert_eq!((waiting.texts, waiting.sha256, waiting.finished_at), (None, None, None));
         // who was interrupted begins anew
         for _ in 0..2 {
-            let begun = store.begin_training().await.unwrap().unwrap();
+            let begun = store.begin_training(|_, _| true).await.unwrap().unwrap();
             assert_eq!((begun.id, begun.status, begun.progress), (first, ClassifierStatus::Training, 0.0));
             store.note_training(first, 0.25).await.unwrap();
             assert_eq!(store.classifier(first).await.unwrap().unwrap().progress, 0.25);
@@ -357,12 +359,12 @@ mod tests {
         // what has ended is not moved by one who has not heard of it
         store.note_training(first, 0.5).await.unwrap();
         assert_eq!(store.classifier(first).await.unwrap().unwrap().progress, 1.0);
-        assert_eq!(store.begin_training().await.unwrap().unwrap().id, second);
+        assert_eq!(store.begin_training(|_, _| true).await.unwrap().unwrap().id, second);
         store.end_training(second, Err("nothing to learn")).await.unwrap();
         let failed = store.classifier(second).await.unwrap().unwrap();
         assert_eq!((failed.status, failed.error.as_deref()), (ClassifierStatus::Failed, Some("nothing to learn")));
         assert_eq!((failed.texts, failed.sha256), (None, None));
-        assert_eq!((store.begin_training().await.unwrap(), store.trainings().await.unwrap()), (None, 0));
+        assert_eq!((store.begin_training(|_, _| true).await.unwrap(), store.trainings().await.unwrap()), (None, 0));
     }
 
     #[tokio::test]

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use chrono::{DateTime, Utc};
+use chrono::{DateTime, TimeDelta, Utc};
 use sqlx::FromRow;
 use uuid::Uuid;
 
@@ -43,12 +43,16 @@ pub enum Claim {
 struct Row {
     resource_id: Uuid,
     abandoned: bool,
+    created_at: DateTime<Utc>,
     fingerprint: Option<Vec<u8>>,
     status: Option<i64>,
     content_type: Option<String>,
     location: Option<String>,
     body: Option<Vec<u8>>,
 }
+
+/// A request that is still being answered after so long died with its service.
+const ABANDONED_AFTER: TimeDelta = TimeDelta::hours(1);
 
 impl Store {
     /// Claims an idempotency key of a credential; keys older than `kept` are forgotten.
@@ -76,7 +80,9 @@ impl Store {
                     .await?;
                 Claim::Granted { resource_id }
             }
-            Some(Row { abandoned: true, resource_id, .. }) => {
+            Some(Row { abandoned, resource_id, status: None, created_at, .. })
+                if abandoned || created_at < now() - ABANDONED_AFTER =>
+            {
                 query("UPDATE idempotency SET abandoned = FALSE WHERE credential = $1 AND key = $2")
                     .bind(credential)
                     .bind(key)

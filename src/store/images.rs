@@ -165,6 +165,11 @@ impl Upload {
 }
 
 impl Received {
+    /// A file of `incoming/` that is whole and synced, under a lock that `file` holds.
+    pub(super) fn of(file: tokio::fs::File, path: PathBuf, sha256: [u8; 32], size_bytes: u64) -> Self {
+        Self { _file: file, temporary: Temporary(path), sha256, size_bytes }
+    }
+
     /// Where the bytes are for now.
     #[must_use]
     pub fn path(&self) -> &Path {
@@ -185,7 +190,8 @@ impl Store {
         Ok(Upload { file: tokio::fs::File::from_std(file), temporary, hash: Sha256::new(), size_bytes: 0 })
     }
 
-    /// Makes an upload visible as `id`, unless the same bytes are there already; whether it is new comes with it.
+    /// Makes an upload visible as `id`, unless the same bytes are there already; whether it is new comes with it. An image
+    /// that was removed comes back under the id that it had.
     ///
     /// # Errors
     /// [`StoreError`]; then nothing is visible.
@@ -202,6 +208,16 @@ impl Store {
         let size_bytes = i64::try_from(received.size_bytes)
             .map_err(|_| StoreError::Unknown { what: "size", value: received.size_bytes.to_string() })?;
         let mut transaction = self.begin_write().await?;
+        // a removal of these bytes may just have taken the file away, see `remove_image`
+        if !self.holds_file(&received.sha256).await? {
+            return Err(StoreError::JustRemoved);
+        }
+        let revived =
+            query("UPDATE images SET deleted_at = NULL, created_at = $1 WHERE sha256 = $2 AND deleted_at IS NOT NULL")
+                .bind(now())
+                .bind(received.sha256.as_slice())
+                .execute(&mut transaction)
+                .await?;
         let inserted = query(
             "INSERT INTO images (id, sha256, size_bytes, format, width_px, height_px, longitude_deg, latitude_deg,
              height_m, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
@@ -223,7 +239,7 @@ impl Store {
             .fetch_one(&mut transaction)
             .await?;
         transaction.commit().await?;
-        Ok((row.try_into()?, inserted == 1))
+        Ok((row.try_into()?, inserted + revived == 1))
     }
 
     /// The image with this id.
@@ -231,8 +247,10 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn image(&self, id: Uuid) -> Result<Option<Image>, StoreError> {
-        let row: Option<Row> =
-            query("SELECT * FROM images WHERE id = $1").bind(id).fetch_optional(&self.database).await?;
+        let row: Option<Row> = query("SELECT * FROM images WHERE id = $1 AND deleted_at IS NULL")
+            .bind(id)
+            .fetch_optional(&self.database)
+            .await?;
         row.map(Image::try_from).transpose()
     }
 
@@ -241,11 +259,12 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn images(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<Image>, StoreError> {
-        let rows: Vec<Row> = query("SELECT * FROM images WHERE id < $1 ORDER BY id DESC LIMIT $2")
-            .bind(before.unwrap_or(Uuid::max()))
-            .bind(limit)
-            .fetch_all(&self.database)
-            .await?;
+        let rows: Vec<Row> =
+            query("SELECT * FROM images WHERE id < $1 AND deleted_at IS NULL ORDER BY id DESC LIMIT $2")
+                .bind(before.unwrap_or(Uuid::max()))
+                .bind(limit)
+                .fetch_all(&self.database)
+                .await?;
         rows.into_iter().map(Image::try_from).collect()
     }
 
@@ -260,6 +279,28 @@ impl Store {
         }
     }
 
+    async fn holds_file(&self, sha256: &[u8; 32]) -> Result<bool, StoreError> {
+        match &self.bucket {
+            Some(bucket) => bucket.holds(sha256).await,
+            None => Ok(tokio::fs::try_exists(self.image_path(sha256)).await.unwrap_or_default()),
+        }
+    }
+
+    /// Removes the file of an image, with an object store its object and the copy of it that is here; nothing if it is
+    /// not there.
+    pub(super) async fn remove_image_file(&self, sha256: &[u8; 32]) -> Result<(), StoreError> {
+        if let Some(bucket) = &self.bucket {
+            bucket.remove(sha256).await?;
+        }
+        let path = self.image_path(sha256);
+        match tokio::fs::remove_file(&path).await {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                Err(file_error("cannot remove", &path, source))
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn image_path(&self, sha256: &[u8; 32]) -> PathBuf {
         self.folder.join(FOLDER).join(hexadecimal(sha256))
     }
@@ -271,7 +312,8 @@ impl Store {
     pub async fn sweep_uploads(&self) -> Result<usize, StoreError> {
         let mut removed = 0;
         for path in files_of(&self.folder.join(INCOMING))? {
-            removed += usize::from(is_unlocked(&path) && fs::remove_file(&path).is_ok());
+            let living = self.is_resumable(&path).await? || !is_unlocked(&path);
+            removed += usize::from(!living && fs::remove_file(&path).is_ok());
         }
         for path in files_of(&self.folder.join(FOLDER))? {
             let old = fs::metadata(&path)
@@ -288,7 +330,7 @@ impl Store {
     async fn has_row(&self, path: &Path) -> Result<bool, StoreError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let Some(sha256) = from_hexadecimal(&name) else { return Ok(false) };
-        Ok(query("SELECT EXISTS (SELECT 1 FROM images WHERE sha256 = $1)")
+        Ok(query("SELECT EXISTS (SELECT 1 FROM images WHERE sha256 = $1 AND deleted_at IS NULL)")
             .bind(sha256)
             .fetch_value(&self.database)
             .await?)
@@ -322,11 +364,11 @@ fn files_of(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     listed.map_err(|source| file_error("cannot list", folder, source))
 }
 
-async fn sync_folder(folder: &Path) -> Result<(), StoreError> {
+pub(super) async fn sync_folder(folder: &Path) -> Result<(), StoreError> {
     let synced = async { tokio::fs::File::open(folder).await?.sync_all().await };
     synced.await.map_err(|source| file_error("cannot sync", folder, source))
 }
 
-fn file_error(action: &'static str, path: &Path, source: std::io::Error) -> StoreError {
+pub(super) fn file_error(action: &'static str, path: &Path, source: std::io::Error) -> StoreError {
     StoreError::File { action, path: path.to_owned(), source }
 }

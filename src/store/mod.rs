@@ -7,6 +7,7 @@
 
 pub mod accounts;
 pub mod audit;
+pub mod blocks;
 pub mod cameras;
 pub mod classifiers;
 pub mod idempotency;
@@ -18,7 +19,9 @@ mod objects;
 pub mod orientations;
 pub mod passwords;
 pub mod references;
+pub mod removal;
 pub mod sightings;
+pub mod uploads;
 pub mod webhooks;
 
 use std::fs::{File, TryLockError};
@@ -72,6 +75,9 @@ pub enum StoreError {
         /// The data folder.
         folder: PathBuf,
     },
+    /// An image came while the same bytes were being removed.
+    #[error("these bytes were being removed at this moment; send them again")]
+    JustRemoved,
     /// A stored value is not what this version writes.
     #[error("the stored {what} {value:?} is not known to this version")]
     Unknown {

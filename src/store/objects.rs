@@ -63,6 +63,15 @@ impl Bucket {
         to.shutdown().await.map_err(not_stored)
     }
 
+    /// Whether it is there.
+    pub(super) async fn holds(&self, sha256: &[u8; 32]) -> Result<bool, StoreError> {
+        match self.store.head(&self.key(sha256)).await {
+            Ok(_) => Ok(true),
+            Err(object_store::Error::NotFound { .. }) => Ok(false),
+            Err(error) => Err(error.into()),
+        }
+    }
+
     /// Removes it; nothing if it is not there.
     pub(super) async fn remove(&self, sha256: &[u8; 32]) -> Result<(), StoreError> {
         match self.store.delete(&self.key(sha256)).await {

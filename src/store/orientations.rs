@@ -11,7 +11,7 @@ use uuid::Uuid;
 
 use super::sightings::{self, Sighting};
 use super::{Store, StoreError, count_of, now, webhooks};
-use crate::database::{Dialects, Executor, Transaction, query};
+use crate::database::{Dialects, Executor, Query, Transaction, query};
 
 /// How far an orientation is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -378,20 +378,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn orientations(&self, filter: &Filter, limit: u32) -> Result<Vec<Orientation>, StoreError> {
-        let rows: Vec<Row> = query(
-            "SELECT id, image_id, camera_id, prepared, status, stage, progress, attempts, error_code, error, verdict,
-             CAST(NULL AS TEXT) AS result, CAST(NULL AS TEXT) AS drawing, created_at, started_at, finished_at,
-             fate, priority, turn FROM orientations WHERE TRUE",
-        )
-        .and("status = ?", filter.status.map(Status::name))
-        .and("verdict = ?", filter.verdict.as_deref())
-        .and("image_id = ?", filter.image_id)
-        .and("created_at >= ?", filter.since)
-        .and("id < ?", filter.before)
-        .then(" ORDER BY id DESC LIMIT ?")
-        .bind(limit)
-        .fetch_all(&self.database)
-        .await?;
+        let rows: Vec<Row> = listed(filter, limit).fetch_all(&self.database).await?;
         rows.into_iter().map(Orientation::try_from).collect()
     }
 
@@ -548,6 +535,21 @@ impl Store {
     }
 }
 
+fn listed(filter: &Filter, limit: u32) -> Query {
+    query(
+        "SELECT id, image_id, camera_id, prepared, status, stage, progress, attempts, error_code, error, verdict,
+         CAST(NULL AS TEXT) AS result, CAST(NULL AS TEXT) AS drawing, created_at, started_at, finished_at,
+         fate, priority, turn FROM orientations WHERE TRUE",
+    )
+    .and("status = ?", filter.status.map(Status::name))
+    .and("verdict = ?", filter.verdict.as_deref())
+    .and("image_id = ?", filter.image_id)
+    .and("created_at >= ?", filter.since)
+    .and("id < ?", filter.before)
+    .then(" ORDER BY id DESC LIMIT ?")
+    .bind(limit)
+}
+
 /// Puts an orientation back into the queue. `counted`: the attempt counts against the limit (it failed, rather than
 /// having been interrupted); `false` if the lease is not valid any more.
 ///
@@ -570,5 +572,7 @@ fn lease_ms() -> i64 {
     i64::try_from(LEASE.as_millis()).unwrap_or(i64::MAX)
 }
 
+#[cfg(test)]
+pub(crate) mod million;
 #[cfg(test)]
 mod tests;

@@ -200,7 +200,7 @@ pub fn given_now(
 }
 
 #[cfg(test)]
-pub(in crate::store) mod tests {
+pub(crate) mod tests {
     use nalgebra::Vector2;
 
     use super::*;

@@ -110,6 +110,8 @@ pub struct Due {
     pub status: String,
     /// Its verdict, if it has one.
     pub verdict: Option<String>,
+    /// Its block, if it belongs to one.
+    pub block: Option<Uuid>,
 }
 
 const COLUMNS: &str = "SELECT id, orientation_id, url, created_at, attempts, delivered_at, given_up_at, last_error
@@ -147,7 +149,8 @@ impl Store {
                   ORDER BY next_at_ms LIMIT $1{skip})
              RETURNING id, orientation_id, url, created_at, attempts, {clock} - begun_at_ms AS tried_for_ms,
                  (SELECT status FROM orientations WHERE orientations.id = orientation_id) AS status,
-                 (SELECT verdict FROM orientations WHERE orientations.id = orientation_id) AS verdict"
+                 (SELECT verdict FROM orientations WHERE orientations.id = orientation_id) AS verdict,
+                 (SELECT block_id FROM block_images WHERE block_images.orientation_id = webhooks.orientation_id) AS block"
         );
         Ok(query(AssertSqlSafe(sql)).bind(most).fetch_all(&self.database).await?)
     }

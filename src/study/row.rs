@@ -207,6 +207,19 @@ impl Row {
     pub fn paper_right(&self) -> bool {
         self.paper_d_max_gsd.is_some_and(|d| d <= self.tolerance_gsd)
     }
+
+    /// Whether its counts can be those of one image: a file of rows may have been edited, and tables add and subtract.
+    #[must_use]
+    pub fn is_consistent(&self) -> bool {
+        const MOST: usize = 1_000_000;
+        let parts = [
+            (self.sound_in_view, self.control_points_in_view),
+            (self.located_right, self.located),
+            (self.used_right, self.used),
+            (self.paper_located_right, self.paper_located),
+        ];
+        parts.iter().all(|(part, whole)| part <= whole && *whole <= MOST)
+    }
 }
 
 fn fate(in_view: usize, oriented: bool, tolerance_gsd: f64, d_max_gsd: Option<f64>, places: &Places) -> Fate {
@@ -382,6 +395,17 @@ pub(super) mod tests {
         assert!(located_rightly(&scene, &point.name, truly + Vector2::new(6.0, -7.0)));
         assert!(!located_rightly(&scene, &point.name, truly + Vector2::new(8.0, -7.0)));
         assert!(!located_rightly(&scene, "no such house", truly));
+    }
+
+    /// Found by `fuzz/run`: more sound control points than there are in view.
+    #[test]
+    fn counts_that_contradict_each_other_are_those_of_no_image() {
+        let row = right_row(1);
+        assert!(row.is_consistent());
+        let in_view = row.control_points_in_view;
+        assert!(!Row { sound_in_view: in_view + 1, ..row.clone() }.is_consistent());
+        assert!(!Row { used: usize::MAX, ..row.clone() }.is_consistent());
+        assert!(!Row { paper_located_right: row.paper_located + 1, ..row }.is_consistent());
     }
 
     #[test]

@@ -100,7 +100,10 @@ impl Sender {
 
 /// The same in every try.
 fn body(due: &Due) -> String {
-    let data = json!({"id": due.orientation_id, "status": due.status, "verdict": due.verdict});
+    let mut data = json!({"id": due.orientation_id, "status": due.status, "verdict": due.verdict});
+    if let Some(block) = due.block {
+        data["block"] = json!(block);
+    }
     json!({"type": "orientation.finished", "timestamp": due.created_at, "data": data}).to_string()
 }
 

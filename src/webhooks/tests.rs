@@ -44,6 +44,7 @@ fn due(url: &str) -> Due {
         tried_for_ms: 0,
         status: String::from("succeeded"),
         verdict: Some(String::from("green")),
+        block: None,
     }
 }
 

@@ -84,13 +84,13 @@ pub(crate) fn held(gate: &Arc<AtomicBool>) -> Orient {
 /// A service that works, with a camera "camera" and one image.
 pub(crate) struct Working {
     pub(crate) service: Service,
-    image: String,
+    pub(crate) image: String,
     stop: CancellationToken,
     _guard: DropGuard,
 }
 
 impl Working {
-    async fn with(orient: Orient) -> Self {
+    pub(crate) async fn with(orient: Orient) -> Self {
         Self::set(|_| (), orient).await
     }
 
@@ -128,7 +128,7 @@ impl Working {
         self.service.get(&format!("/api/v1/orientations/{id}{rest}")).await
     }
 
-    async fn until(&self, id: &str, status: &str) -> Value {
+    pub(super) async fn until(&self, id: &str, status: &str) -> Value {
         let began = Instant::now();
         loop {
             let orientation = self.get(id, "").await.json();
@@ -141,7 +141,7 @@ impl Working {
     }
 }
 
-fn id(answer: &Answer) -> String {
+pub(super) fn id(answer: &Answer) -> String {
     answer.json()["id"].as_str().unwrap().to_owned()
 }
 

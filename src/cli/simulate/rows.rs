@@ -67,6 +67,9 @@ impl RowsFile {
         if let Some(row) = known.iter().find(|row| row.mixture != manifest.mixture) {
             bail!("{}: the row of seed {} is of the mixture {}", path.display(), row.seed, row.mixture.name());
         }
+        if let Some(row) = known.iter().find(|row| !row.is_consistent()) {
+            bail!("{}: the counts of the row of seed {} contradict each other", path.display(), row.seed);
+        }
         let (labelled, text) = LinesFile::open(folder.join(LABELLED_FILE))?;
         let mut of_image: HashMap<String, LabelledImage> = HashMap::new();
         for line in text.lines() {

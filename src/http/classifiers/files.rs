@@ -27,7 +27,7 @@ pub(super) const NAMES: [&str; 5] =
     ),
     responses(
         (status = 200, description = "The file", content(
-            (String = "text/plain"), (String = "application/json"), (String = "image/svg+xml"),
+            (String = "text/plain"), (serde_json::Value = "application/json"), (String = "image/svg+xml"),
         )),
         (status = 404, description = "There is no such classifier, it has no such file, or it is not trained", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),

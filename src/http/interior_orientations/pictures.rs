@@ -7,6 +7,7 @@ use uuid::Uuid;
 
 use super::{at_a_time, found};
 use crate::http::extract::Path;
+use crate::http::openapi::Binary;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::jobs::interior::{self, InteriorError};
@@ -45,8 +46,9 @@ pub(super) async fn residuals(State(state): State<AppState>, Path(id): Path<Uuid
         ("name" = String, Path, description = "The mark's name, followed by `.png`", example = "1.png"),
     ),
     responses(
-        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 200, description = "The picture", body = inline(Binary), content_type = "image/png"),
         (status = 404, description = "There is no such mark, or nothing is known of where it is", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "The image was removed", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
@@ -60,8 +62,7 @@ pub(super) async fn mark(
     let mark = result.marks.iter().find(|mark| mark.name == name).cloned();
     let mark = mark.ok_or_else(|| Problem::not_found("The camera has no such mark; ask for its name with .png."))?;
     let image = state.store.image(kept.image_id).await?;
-    let image =
-        image.ok_or_else(|| Problem::internal(&"the image of an interior orientation is not there any more"))?;
+    let image = image.ok_or_else(|| Problem::gone("The image was removed; upload it again to look at its marks."))?;
     let (path, limits) = (state.store.image_file(&image.sha256).await?, state.configuration.image_limits());
     let draw = move || interior::close_up(&path, &limits, &result, &mark);
     // the client is not at fault: the image could be read before

@@ -25,7 +25,8 @@ use crate::store::orientations::{Orientation, Status};
     get, path = "/orientations/{id}/events", operation_id = "follow_orientation", tag = "orientations",
     params(("id" = Uuid, Path, description = "The orientation's id")),
     responses(
-        (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
+        // any: some tools take a schema here for that of the stream, others for that of one event
+        (status = 200, description = "The events", body = serde_json::Value, content_type = "text/event-stream"),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),

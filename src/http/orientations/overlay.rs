@@ -9,6 +9,7 @@ use uuid::Uuid;
 
 use super::found;
 use crate::http::extract::{Path, Query};
+use crate::http::openapi::Binary;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::jobs::AttemptError;
@@ -40,9 +41,10 @@ pub(super) struct OverlayQuery {
         ("Accept" = Option<String>, Header, description = "`image/png`, or `image/jpeg` (default)"),
     ),
     responses(
-        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 200, description = "The picture", content((inline(Binary) = "image/jpeg"), (inline(Binary) = "image/png"))),
         (status = 404, description = "There is no such orientation, or it has no result", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "It has not ended yet", body = Problem, content_type = "application/problem+json"),
+        (status = 410, description = "Its image was removed", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
@@ -63,6 +65,9 @@ pub(super) async fn overlay(
     }
     if orientation.status != Status::Succeeded {
         return Err(Problem::not_found(format!("It has {}: there is nothing to see.", orientation.status.name())));
+    }
+    if state.store.image(orientation.image_id).await?.is_none() {
+        return Err(Problem::gone("The image was removed; upload it again to look at it."));
     }
     let format = wanted_format(&headers);
     let kind = match format {

@@ -1,0 +1,54 @@
+//! Many orientations at once: accepted in one transaction, cancelled in one.
+
+use uuid::Uuid;
+
+use super::{Jobs, SubmitError};
+use crate::database::Transaction;
+use crate::store::StoreError;
+use crate::store::blocks;
+use crate::store::orientations::{self, NewOrientation, Status};
+
+impl Jobs {
+    /// Accepts orientations, all or none, as a part of a transaction that has begun alone. Once that is complete,
+    /// [`Self::announce`] says so.
+    ///
+    /// # Errors
+    /// [`SubmitError`]; then the transaction is not to be completed.
+    pub async fn submit_all(&self, transaction: &mut Transaction, new: &[NewOrientation]) -> Result<(), SubmitError> {
+        let waiting = orientations::queued(&mut *transaction).await? as usize;
+        let queue_max = self.0.settings.queue_max;
+        if !new.is_empty() && waiting + new.len() > queue_max as usize {
+            return Err(SubmitError::QueueFull { queue_max });
+        }
+        for new in new {
+            if let Some(turn) = orientations::insert(transaction, new).await? {
+                self.0.queue.push(transaction, new.id, turn).await?;
+            }
+        }
+        self.0.gauge_queue(waiting + new.len());
+        Ok(())
+    }
+
+    /// Says that there is something in the queue, after a transaction with [`Self::submit_all`].
+    pub async fn announce(&self) {
+        self.0.call_workers().await;
+    }
+
+    /// Removes a block, and cancels its orientations that have not ended; `false` if there is none.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn remove_block(&self, block: Uuid) -> Result<bool, StoreError> {
+        let mut transaction = self.0.store.begin_write().await?;
+        let cancelled = blocks::cancel(&mut transaction, block).await?;
+        let removed = blocks::remove(&mut transaction, block).await?;
+        transaction.commit().await?;
+        for id in cancelled {
+            if let Some(signal) = self.0.running().get(&id) {
+                signal.interrupt();
+            }
+            self.0.ended(id, Status::Cancelled, None).await;
+        }
+        Ok(removed)
+    }
+}
