@@ -3,6 +3,8 @@
 //! The names are the same everywhere: `upload_max_bytes = 1000000` in the file is `GABLE_UPLOAD_MAX_BYTES=1000000` in
 //! the environment. Each has its unit in its name.
 
+mod callers;
+
 use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -127,6 +129,25 @@ pub struct Configuration {
     pub training_max_jobs: u32,
     /// The largest labelled set that may be uploaded to train from.
     pub training_max_bytes: usize,
+    /// Requests a second that one key, session or, without one, client address may go on making; 0 is any number.
+    pub rate_per_s: f64,
+    /// Requests that each of them may make at once.
+    pub rate_burst: f64,
+    /// Requests answered at a time; further ones get 503 at once.
+    pub requests_max: usize,
+    /// Whether TLS is in front of the service, so that browsers send cookies back through it alone; if it is not given,
+    /// where it listens on more than the loopback interface.
+    pub cookie_secure: Option<bool>,
+    /// How long a login lasts that is not used.
+    pub session_idle_s: u64,
+    /// How long a login lasts at the most.
+    pub session_max_s: u64,
+    /// Hosts that webhooks may go to, with commas between them, `*.example.org` for all below one; empty: any public one.
+    pub webhook_hosts: String,
+    /// Whether webhooks may go to this machine, also by `http`; for tests.
+    pub webhook_allow_loopback: bool,
+    /// What signs webhooks, `whsec_` and base64; if it is not given, one is drawn and kept in the database.
+    pub webhook_secret: Option<String>,
 }
 
 impl Default for Configuration {
@@ -177,6 +198,15 @@ impl Default for Configuration {
             threshold: None,
             training_max_jobs: 10,
             training_max_bytes: 200_000_000,
+            rate_per_s: 50.0,
+            rate_burst: 200.0,
+            requests_max: 512,
+            cookie_secure: None,
+            session_idle_s: 8 * 3600,
+            session_max_s: 7 * 24 * 3600,
+            webhook_hosts: String::new(),
+            webhook_allow_loopback: false,
+            webhook_secret: None,
         }
     }
 }
@@ -323,7 +353,7 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 20] = [
+        let positive: [(&'static str, u64); 22] = [
             ("upload_max_bytes", self.upload_max_bytes),
             ("upload_kept_s", self.upload_kept_s),
             ("body_max_bytes", self.body_max_bytes as u64),
@@ -344,6 +374,8 @@ impl Configuration {
             ("job_timeout_s", self.job_timeout_s),
             ("training_max_jobs", self.training_max_jobs.into()),
             ("training_max_bytes", self.training_max_bytes as u64),
+            ("requests_max", self.requests_max as u64),
+            ("session_max_s", self.session_max_s),
         ];
         for (key, value) in positive {
             if value == 0 {
@@ -360,6 +392,8 @@ impl Configuration {
             ("wait_max_s", self.wait_max_s),
             ("upload_kept_s", self.upload_kept_s),
             ("job_timeout_s", self.job_timeout_s),
+            ("session_idle_s", self.session_idle_s),
+            ("session_max_s", self.session_max_s),
         ];
         for (key, value) in durations {
             if value > LONGEST_S {
@@ -368,11 +402,13 @@ impl Configuration {
         }
         self.check_costs()?;
         self.check_days()?;
-        if self.connections_max > tokio::sync::Semaphore::MAX_PERMITS {
-            let value = self.connections_max.to_string();
-            return Err(ConfigurationError::OutOfRange { key: "connections_max", value, wanted: "a sensible number" });
+        for (key, value) in [("connections_max", self.connections_max), ("requests_max", self.requests_max)] {
+            if value > tokio::sync::Semaphore::MAX_PERMITS {
+                let value = value.to_string();
+                return Err(ConfigurationError::OutOfRange { key, value, wanted: "a sensible number" });
+            }
         }
-        Ok(())
+        self.check_callers()
     }
 }
 

@@ -41,6 +41,8 @@ pub mod report;
 
 pub mod jobs;
 
+pub mod webhooks;
+
 pub mod configuration;
 
 pub mod http;

@@ -11,6 +11,7 @@ use crate::configuration::Configuration;
 use crate::http::{self, AppState};
 use crate::jobs::crew::Crew;
 use crate::store::{FolderLock, Store, StoreError};
+use crate::webhooks::{self, SecretError, Sender};
 
 /// Why the service cannot begin.
 #[derive(Debug, thiserror::Error)]
@@ -36,6 +37,9 @@ pub enum ServiceError {
         /// The cause.
         source: std::io::Error,
     },
+    /// There is nothing to sign webhooks with.
+    #[error("the secret of the webhooks: {0}")]
+    WebhookSecret(#[from] SecretError),
     /// The OpenAPI document cannot be written.
     #[error("the contract cannot be written: {0}")]
     Contract(#[from] serde_json::Error),
@@ -58,6 +62,7 @@ pub struct Service {
     app: Router,
     listener: TcpListener,
     address: SocketAddr,
+    webhooks: Option<Sender>,
     _lock: FolderLock,
 }
 
@@ -112,9 +117,10 @@ impl Service {
         }
         let state = AppState::new(store, configuration);
         state.jobs.prepare().await?;
+        let webhooks = sender(&state).await?;
         let app = router(state.clone())?;
         tracing::info!("listening on http://{address}, data in {}", state.store.folder().display());
-        Ok(Self { state, app, listener, address, _lock: lock })
+        Ok(Self { state, app, listener, address, webhooks, _lock: lock })
     }
 
     /// Where it listens; the port is a real one even if the configuration says 0.
@@ -140,6 +146,8 @@ impl Service {
             }
         });
         let watching = tokio::spawn(http::health::watch(self.state.clone(), stop.clone()));
+        let telling =
+            self.webhooks.map(|sender| tokio::spawn(webhooks::run(self.state.store.clone(), sender, stop.clone())));
         let state = self.state.clone();
         let sweeping = tokio::spawn(async move { state.keep_sweeping().await });
         http::serve::serve(self.listener, self.app, &self.state, stop).await;
@@ -148,8 +156,21 @@ impl Service {
         if tokio::time::timeout(JOBS_END_PATIENCE, working).await.is_err() {
             tracing::warn!("orientations under way do not end; they are taken up at the next start");
         }
+        if let Some(telling) = telling
+            && tokio::time::timeout(JOBS_END_PATIENCE, telling).await.is_err()
+        {
+            tracing::warn!("webhooks under way do not end; they are sent again after the next start");
+        }
         if tokio::time::timeout(CLOSE_PATIENCE, self.state.store.close()).await.is_err() {
             tracing::warn!("the database is still in use; what was not acknowledged is rolled back");
         }
     }
+}
+
+/// What tells webhooks; none on a machine that knows no authorities, where they wait.
+async fn sender(state: &AppState) -> Result<Option<Sender>, ServiceError> {
+    let configuration = &state.configuration;
+    let secret = webhooks::secret(&state.store, configuration.webhook_secret.as_deref()).await?;
+    let sender = Sender::new(configuration.webhook_policy(), secret, webhooks::by_the_system());
+    Ok(sender.inspect_err(|error| tracing::error!(%error, "webhooks cannot be sent")).ok())
 }

@@ -70,7 +70,8 @@ const ROOMS: &[Room] = &[
             "report",
         ],
     ),
-    Room("configuration", &["learning", "diagnosis", "imagery", "store"]),
+    Room("webhooks", &["store"]),
+    Room("configuration", &["learning", "diagnosis", "imagery", "store", "webhooks"]),
     Room(
         "http",
         &[
@@ -90,10 +91,11 @@ const ROOMS: &[Room] = &[
             "store",
             "report",
             "jobs",
+            "webhooks",
             "configuration",
         ],
     ),
-    Room("service", &["store", "jobs", "configuration", "http"]),
+    Room("service", &["store", "jobs", "webhooks", "configuration", "http"]),
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.

@@ -1,21 +1,24 @@
 //! `gable key`.
 
 use anyhow::bail;
-use chrono::{DateTime, SecondsFormat, Utc};
+use chrono::{DateTime, SecondsFormat, TimeDelta, Utc};
 use clap::{Args, Subcommand};
 use gable::store::Store;
 use gable::store::keys::{Role, random_secret};
 use uuid::Uuid;
 
-use super::{Settings, print};
+use super::{Settings, note, print};
 
 const EXAMPLES: &str = "\
 Examples:
   gable key new --role admin --name anna
       Makes a key and prints it, this once. Send it as `Authorization: Bearer <key>`.
 
+  gable key new --role reader --name audit-2026 --expires 2027-01-01T00:00:00Z
+      Makes a key that ends by itself.
+
   gable key list --data /srv/gable
-      Shows all keys: id, role, name, when made, when revoked. The keys themselves are not stored.
+      Shows all keys: id, role, name, when made, whether valid, when last used. The keys themselves are not stored.
 
   gable key revoke 0199f3c2-8d8e-7c60-a5e4-2f1d3c4b5a69
       Ends a key at once, also for a service that is running.";
@@ -41,6 +44,12 @@ enum Action {
         /// Whose it is, or what for.
         #[arg(long, default_value = "")]
         name: String,
+        /// When it ends by itself (RFC 3339).
+        #[arg(long, value_name = "TIME", conflicts_with = "expires_in_days")]
+        expires: Option<DateTime<Utc>>,
+        /// After how many days it ends by itself.
+        #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+        expires_in_days: Option<u32>,
         #[command(flatten)]
         settings: Settings,
     },
@@ -63,7 +72,10 @@ enum Action {
 impl Key {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         match self.action {
-            Action::New { role, name, settings } => new(&open(&settings).await?, role, &name).await,
+            Action::New { role, name, expires, expires_in_days, settings } => {
+                let expires = expires.or(expires_in_days.map(|days| Utc::now() + TimeDelta::days(days.into())));
+                new(&open(&settings).await?, role, &name, expires).await
+            }
             Action::List { settings } => list(&open(&settings).await?).await,
             Action::Revoke { id, settings } => revoke(&open(&settings).await?, id).await,
         }
@@ -74,18 +86,28 @@ async fn open(settings: &Settings) -> anyhow::Result<Store> {
     Ok(Store::connect(&settings.gather(&[])?.place()).await?)
 }
 
-async fn new(store: &Store, role: Role, name: &str) -> anyhow::Result<()> {
+async fn new(store: &Store, role: Role, name: &str, expires: Option<DateTime<Utc>>) -> anyhow::Result<()> {
+    if expires.is_some_and(|at| at <= Utc::now()) {
+        bail!("the key would have expired already");
+    }
     let secret = random_secret()?;
-    let key = store.add_key(&secret, name, role).await?;
+    let key = store.add_key(&secret, name, role, expires).await?;
+    note(store, "gable key new", &key.id.to_string()).await?;
     tracing::info!(id = %key.id, %role, name, "made a key; it is shown only now");
     print(&secret)
 }
 
 async fn list(store: &Store) -> anyhow::Result<()> {
-    for key in store.keys().await? {
-        let revoked = key.revoked_at.map_or_else(|| String::from("valid"), |at| format!("revoked {}", seconds(at)));
+    for key in store.keys(None, u32::MAX).await? {
+        let state = match (key.revoked_at, key.expires_at) {
+            (Some(at), _) => format!("revoked {}", seconds(at)),
+            (None, Some(at)) if key.has_expired() => format!("expired {}", seconds(at)),
+            (None, Some(at)) => format!("valid until {}", seconds(at)),
+            (None, None) => String::from("valid"),
+        };
+        let used = key.last_used_at.map_or_else(|| String::from("never used"), |at| format!("used {}", seconds(at)));
         let (id, role, name, made) = (key.id, key.role.name(), key.name, seconds(key.created_at));
-        print(&format!("{id}  {role:<8}  {name:<20}  made {made}  {revoked}"))?;
+        print(&format!("{id}  {role:<8}  {name:<20}  made {made}  {state}  {used}"))?;
     }
     Ok(())
 }
@@ -98,6 +120,7 @@ async fn revoke(store: &Store, id: Uuid) -> anyhow::Result<()> {
     if !store.revoke_key(id).await? {
         bail!("there is no valid key with the id {id}");
     }
+    note(store, "gable key revoke", &id.to_string()).await?;
     tracing::info!(%id, "revoked");
     Ok(())
 }

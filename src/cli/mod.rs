@@ -1,5 +1,7 @@
 //! The command line: one file a command.
 
+mod account;
+mod audit;
 mod backup;
 mod block;
 mod classifier;
@@ -20,6 +22,7 @@ mod serve;
 mod sets;
 mod simulate;
 mod train;
+mod webhook;
 mod work;
 mod worker;
 
@@ -31,6 +34,8 @@ use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use gable::configuration::{Configuration, ConfigurationError, LogFormat};
 use gable::service::ServiceError;
+use gable::store::Store;
+use gable::store::audit::NewEntry;
 use tracing_subscriber::EnvFilter;
 
 /// Finds the exterior orientation of single aerial images from roof lines of buildings and small pictures of the
@@ -63,6 +68,9 @@ enum Command {
     Train(train::Train),
     Classifier(classifier::ClassifierCommand),
     Key(key::Key),
+    Account(account::AccountCommand),
+    Audit(audit::Audit),
+    Webhook(webhook::Webhook),
     Openapi(openapi::OpenApi),
 }
 
@@ -87,6 +95,9 @@ impl Command {
             Self::Train(command) => command.run().await,
             Self::Classifier(command) => command.run().await,
             Self::Key(command) => command.run().await,
+            Self::Account(command) => command.run().await,
+            Self::Audit(command) => command.run().await,
+            Self::Webhook(command) => command.run().await,
             Self::Openapi(command) => command.run(),
         }
     }
@@ -156,6 +167,18 @@ pub(crate) fn run() -> ExitCode {
     // a blocking job that does not heed its cancel must not hold up the end
     runtime.shutdown_background();
     result.map_or_else(|error| failed(&error), |()| ExitCode::SUCCESS)
+}
+
+/// Notes in the audit log what a command has changed.
+async fn note(store: &Store, action: &str, object: &str) -> anyhow::Result<()> {
+    let entry = NewEntry {
+        who: String::from("command line"),
+        action: action.to_owned(),
+        object: object.to_owned(),
+        status: 0,
+        request_id: String::new(),
+    };
+    store.note(entry).await.context("it is done, but could not be noted in the audit log")
 }
 
 /// Prints a result. A reader that has seen enough, like `head`, is no error.

@@ -8,8 +8,8 @@ use gable::service::{Service, Work};
 use gable::store::Store;
 use gable::store::keys::Role;
 
-use super::Settings;
 use super::worker::crew;
+use super::{Settings, note};
 
 const BOOTSTRAP_KEY: &str = "GABLE_BOOTSTRAP_KEY";
 const BOOTSTRAP_KEY_MIN_CHARACTERS: usize = 32;
@@ -81,7 +81,8 @@ async fn make_bootstrap_key(store: &Store) -> anyhow::Result<()> {
         return Err(unreadable(detail).into());
     }
     if !store.any_key().await? {
-        let key = store.add_key(&secret, "bootstrap", Role::Admin).await?;
+        let key = store.add_key(&secret, "bootstrap", Role::Admin, None).await?;
+        note(store, "gable serve: first key", &key.id.to_string()).await?;
         tracing::info!(id = %key.id, "made the first key from {BOOTSTRAP_KEY}");
     }
     Ok(())

@@ -8,7 +8,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::body::{Body, Bytes, to_bytes};
-use axum::extract::{FromRequestParts, Request, State};
+use axum::extract::{FromRequestParts, MatchedPath, Request, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
@@ -30,6 +30,8 @@ const KEY: &str = "idempotency-key";
 /// Says that an answer is the first one again.
 const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 const KEY_MAX_CHARACTERS: usize = 255;
+/// Routes whose answers hold what is nowhere kept.
+const SHOWN_ONCE: [&str; 2] = ["/api/v1/keys", "/api/v1/session"];
 
 /// The id for what this request makes: a new one or, in the second try after a crash, that of the first.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +54,11 @@ pub async fn replay(State(state): State<AppState>, request: Request, next: Next)
         return Ok(next.run(request).await);
     };
     let key = checked(key)?;
+    let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
+    if SHOWN_ONCE.contains(&route) {
+        let detail = "What this answers is shown once and not kept: it takes no Idempotency-Key.";
+        return Err(Problem::bad_request(detail).with_error("Idempotency-Key", detail));
+    }
     let Some(Caller { credential, .. }) = request.extensions().get().cloned() else {
         return Ok(next.run(request).await);
     };

@@ -54,10 +54,8 @@ fn install() -> Option<PrometheusHandle> {
          above 0.25 a classifier should be trained anew."
     );
     metrics::describe_gauge!("gable_drift_max", "The largest of these.");
-    metrics::describe_counter!("gable_orientations_total", "Orientations that have ended, by status and verdict.");
-    metrics::describe_histogram!("gable_orientation_duration_seconds", "Time of one attempt at an orientation.");
-    metrics::describe_histogram!("gable_stage_duration_seconds", "Time of each stage of an orientation.");
-    metrics::describe_gauge!("gable_queue_depth", "Orientations that wait.");
+    metrics::describe_counter!("gable_webhooks_total", "Tries to tell that an orientation has ended, by outcome.");
+    metrics::describe_counter!("gable_audit_failures_total", "Changes and refusals that the audit log lacks.");
     metrics::describe_gauge!("gable_connections", "Connections that are open.");
     metrics::describe_counter!("gable_orientations_total", "Orientations that have ended, by status and verdict.");
     metrics::describe_histogram!("gable_orientation_duration_seconds", "Time of an attempt at an orientation.");

@@ -5,7 +5,9 @@
 //! its routes in [`access::ROUTES`], which says who may call it. A route that is not listed there answers nobody.
 
 pub mod access;
+pub mod accounts;
 mod area;
+pub mod audit;
 pub mod blocks;
 pub mod cameras;
 pub mod classifiers;
@@ -16,6 +18,7 @@ pub mod health;
 pub mod idempotency;
 pub mod images;
 pub mod interior_orientations;
+pub mod keys;
 pub mod mark_templates;
 pub mod metrics;
 pub mod observe;
@@ -24,11 +27,14 @@ pub mod orientations;
 pub mod pace;
 pub mod page;
 pub mod problem;
+pub mod rate;
 pub mod references;
 pub mod request_id;
 pub mod serve;
+pub mod session;
 pub mod state;
 pub mod uploads;
+pub mod webhooks;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -36,8 +42,9 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
-use axum::middleware::{from_fn, from_fn_with_state};
+use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse as _, Response};
+use tokio::sync::Semaphore;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use utoipa_axum::router::OpenApiRouter;
@@ -58,6 +65,11 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(orientations::routes())
         .merge(references::routes())
         .merge(classifiers::routes())
+        .merge(webhooks::routes())
+        .merge(session::routes())
+        .merge(keys::routes())
+        .merge(accounts::routes())
+        .merge(audit::routes())
         .merge(openapi::routes());
     openapi::base().merge(health::routes()).merge(metrics::routes()).nest("/api/v1", version_1)
 }
@@ -93,6 +105,8 @@ fn furnished(routes: Router<AppState>, state: AppState) -> Router {
         bytes_per_s_min: state.configuration.body_min_bytes_per_s,
     };
     let body_max = DefaultBodyLimit::max(state.configuration.body_max_bytes);
+    let secure = observe::Secure(state.configuration.cookies_are_secure());
+    let slots = Arc::new(Semaphore::new(state.configuration.requests_max));
     routes
         // closest to the handlers, so that a panic is an answer to everything further out
         .route_layer(CatchPanicLayer::custom(panicked))
@@ -101,8 +115,9 @@ fn furnished(routes: Router<AppState>, state: AppState) -> Router {
         .fallback(async || Problem::not_found("There is nothing under this address."))
         .method_not_allowed_fallback(async || Problem::method_not_allowed("This address does not know this method."))
         .layer(body_max)
+        .layer(from_fn_with_state(slots, rate::shed))
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(from_fn(observe::observe))
+        .layer(from_fn_with_state(secure, observe::observe))
         .layer(from_fn_with_state(pace, pace::watch))
         .layer(CompressionLayer::new())
         .with_state(state)

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use axum::extract::{MatchedPath, Request};
+use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderName, HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::Response;
@@ -18,8 +18,19 @@ const POLICY_OF_DOCS: HeaderValue = HeaderValue::from_static(
      connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
 );
 
+/// What pages may ask of the browser: nothing.
+const PERMISSIONS: HeaderValue = HeaderValue::from_static(
+    "accelerometer=(), camera=(), display-capture=(), geolocation=(), gyroscope=(), microphone=(), payment=(), usb=()",
+);
+/// With TLS in front: only so, for two years.
+const TRANSPORT: HeaderValue = HeaderValue::from_static("max-age=63072000");
+
+/// Whether TLS is in front of the service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Secure(pub bool);
+
 /// Runs a request and records it.
-pub async fn observe(request: Request, next: Next) -> Response {
+pub async fn observe(State(Secure(secure)): State<Secure>, request: Request, next: Next) -> Response {
     let id = request_id::accept_or_make(request.headers().get(request_id::HEADER).and_then(|id| id.to_str().ok()));
     let method = method_label(request.method());
     let route = request.extensions().get::<MatchedPath>().map_or("unmatched", MatchedPath::as_str).to_owned();
@@ -41,6 +52,9 @@ pub async fn observe(request: Request, next: Next) -> Response {
     };
     let mut response = request_id::scope(id.clone(), work.instrument(span)).await;
     add_headers(&mut response, &id, route.starts_with("/docs"));
+    if secure {
+        response.headers_mut().insert(header::STRICT_TRANSPORT_SECURITY, TRANSPORT);
+    }
     response
 }
 
@@ -65,6 +79,8 @@ fn add_headers(response: &mut Response, id: &str, docs: bool) {
     }
     headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    headers.insert(HeaderName::from_static("cross-origin-resource-policy"), HeaderValue::from_static("same-origin"));
+    headers.insert(HeaderName::from_static("permissions-policy"), PERMISSIONS);
     headers.insert(header::X_FRAME_OPTIONS, HeaderValue::from_static("DENY"));
     headers.insert(header::CONTENT_SECURITY_POLICY, if docs { POLICY_OF_DOCS } else { POLICY });
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));

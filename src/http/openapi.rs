@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::Extension;
 use axum::http::header;
 use axum::response::IntoResponse;
-use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
+use utoipa::openapi::security::{ApiKey, ApiKeyValue, Http, HttpAuthScheme, SecurityScheme};
 use utoipa::{Modify, OpenApi, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -26,7 +26,7 @@ const DOCUMENT: &str = "/api/v1/openapi.json";
                        gives the first answer again. Ids are UUIDv7, times RFC 3339 in UTC.",
     ),
     modifiers(&Keys),
-    security(("key" = [])),
+    security(("key" = []), ("session" = [])),
     tags(
         (name = "cameras", description = "Interior orientations."),
         (name = "images", description = "Aerial images."),
@@ -35,6 +35,8 @@ const DOCUMENT: &str = "/api/v1/openapi.json";
         (name = "interior orientations", description = "How films lie in their scans, from fiducial marks."),
         (name = "orientations", description = "Where images were taken, with a verdict on each answer."),
         (name = "diagnosis", description = "What the verdicts are learned from, and which classifier decides."),
+        (name = "webhooks", description = "What was told of orientations that have ended."),
+        (name = "access", description = "Who may do what, and who has done what."),
         (name = "service", description = "Health, figures, this document."),
     ),
 )]
@@ -46,7 +48,11 @@ impl Modify for Keys {
     fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
         let mut scheme = Http::new(HttpAuthScheme::Bearer);
         scheme.description = Some(String::from("A key made by `gable key new`."));
-        document.components.get_or_insert_default().add_security_scheme("key", SecurityScheme::Http(scheme));
+        let session = "Set by `POST /session`; `gable` where no TLS is in front of the service.";
+        let session = SecurityScheme::ApiKey(ApiKey::Cookie(ApiKeyValue::with_description("__Host-gable", session)));
+        let components = document.components.get_or_insert_default();
+        components.add_security_scheme("key", SecurityScheme::Http(scheme));
+        components.add_security_scheme("session", session);
     }
 }
 

@@ -152,10 +152,14 @@ pub(super) async fn checked_of(
 ) -> Result<NewOrientation, Problem> {
     let facts = facts(state, image, request).await?;
     let mut prepared = request.prepare(camera.image_size_px(), &facts).map_err(|faults| Problem::of_faults(&faults))?;
+    if let Some(webhook) = &request.webhook {
+        let allowed = state.configuration.webhook_policy().check(webhook);
+        allowed.map_err(|detail| Problem::invalid_field("/webhook", detail))?;
+    }
     prepared.policy = prepared.policy.or(&state.configuration.policy());
     let prepared = serde_json::to_string(&prepared).map_err(|error| Problem::internal(&error))?;
-    let priority = request.priority.unwrap_or_default();
-    Ok(NewOrientation { id, image_id: image.id, camera_id: camera.id, prepared, lane, priority })
+    let (priority, webhook) = (request.priority.unwrap_or_default(), request.webhook.clone());
+    Ok(NewOrientation { id, image_id: image.id, camera_id: camera.id, prepared, lane, priority, webhook })
 }
 
 /// What is known of the image; its file is asked only where the request leaves something out.

@@ -197,6 +197,12 @@ impl Problem {
         })
     }
 
+    /// 429: too often.
+    #[must_use]
+    pub fn too_many(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::TOO_MANY_REQUESTS, "urn:gable:problem:too-many", "Too many requests", detail)
+    }
+
     /// 503: not now.
     #[must_use]
     pub fn unavailable(detail: impl Into<String>, retry_after_s: u32) -> Self {

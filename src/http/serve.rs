@@ -3,10 +3,14 @@
 //! axum's own loop has no limit on how long a client may take to send the head of its request, and one client that
 //! does not finish its head can hold up the end of the service for ever.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
+use axum::http::Request;
+use axum::response::Response;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
@@ -15,8 +19,10 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
+use tower::{Service, ServiceExt as _};
 
 use super::pace::Unstalled;
+use super::rate::ClientAddress;
 use super::state::AppState;
 
 /// After a failed accept (no file descriptors left, for example) trying again at once would only burn the processor.
@@ -39,9 +45,14 @@ pub async fn serve(listener: TcpListener, app: Router, state: &AppState, stop: C
             Some(_) = connections.join_next(), if !connections.is_empty() => continue,
         };
         match accepted {
-            Ok((stream, slot)) => {
+            Ok((stream, address, slot)) => {
                 let stream = Unstalled::new(stream, stall_max);
-                connections.spawn(connection(http.clone(), stream, slot, app.clone(), stop.clone()));
+                let from = move |mut request: Request<Incoming>| {
+                    request.extensions_mut().insert(address);
+                    request
+                };
+                let app = app.clone().map_request(from);
+                connections.spawn(connection(http.clone(), stream, slot, app, stop.clone()));
             }
             Err(error) => {
                 tracing::warn!(%error, "a connection could not be accepted");
@@ -67,21 +78,25 @@ fn slots_within_limits(wanted: usize) -> usize {
     wanted.min(possible)
 }
 
+type Accepted = (TcpStream, ClientAddress, OwnedSemaphorePermit);
+
 /// Waits for a free slot first: what cannot be served stays in the queue of the operating system.
-async fn accept(listener: &TcpListener, slots: &Arc<Semaphore>) -> std::io::Result<(TcpStream, OwnedSemaphorePermit)> {
+async fn accept(listener: &TcpListener, slots: &Arc<Semaphore>) -> std::io::Result<Accepted> {
     let slot = slots.clone().acquire_owned().await.map_err(std::io::Error::other)?;
-    let (stream, _) = listener.accept().await?;
+    let (stream, address) = listener.accept().await?;
     stream.set_nodelay(true)?;
-    Ok((stream, slot))
+    Ok((stream, ClientAddress(address.ip()), slot))
 }
 
-async fn connection(
+async fn connection<S>(
     http: http1::Builder,
     stream: Unstalled<TcpStream>,
     slot: OwnedSemaphorePermit,
-    app: Router,
+    app: S,
     stop: CancellationToken,
-) {
+) where
+    S: Service<Request<Incoming>, Response = Response, Error = Infallible, Future: Send> + Clone,
+{
     metrics::gauge!("gable_connections").increment(1);
     let served = http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(app));
     tokio::pin!(served);

@@ -1,12 +1,13 @@
 //! What all handlers share.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::sync::Semaphore;
 
+use super::rate::Rates;
 use crate::configuration::Configuration;
 use crate::control::near::Reach;
 use crate::jobs::retention::{self, Retention};
@@ -32,8 +33,20 @@ pub struct AppState {
     pub imports: Arc<Semaphore>,
     /// Scans looked at a time for their interior orientation.
     pub scans: Arc<Semaphore>,
+    /// How often each caller may ask.
+    pub rates: Rates,
+    /// How often each account and client address may fail to log in.
+    pub failed_logins: Rates,
     key_was_made: Arc<AtomicBool>,
+    uses_noted: Arc<Mutex<HashMap<String, Instant>>>,
 }
+
+/// Failed logins of one account or client address: so many at once, and then so many a second.
+const FAILED_LOGINS: (f64, f64) = (20.0, 20.0 / 60.0);
+/// How often the use of one key or session is noted.
+const USE_NOTED_EVERY: Duration = Duration::from_secs(60);
+/// Keys and sessions whose use was noted lately, before those are forgotten for whom that is long ago.
+const USES_KEPT: usize = 1000;
 
 impl AppState {
     /// The state of a service over `store`.
@@ -47,6 +60,7 @@ impl AppState {
     pub fn with_pipeline(store: Store, configuration: Configuration, orient: Orient) -> Self {
         let settings = job_settings(&configuration);
         let scans = settings.workers;
+        let rates = Rates::new(configuration.rate_per_s, configuration.rate_burst);
         Self {
             jobs: Jobs::new(store.clone(), settings, orient),
             store,
@@ -54,7 +68,10 @@ impl AppState {
             readiness: Readiness::default(),
             imports: Arc::new(Semaphore::new(IMPORTS)),
             scans: Arc::new(Semaphore::new(scans)),
+            rates,
+            failed_logins: Rates::new(FAILED_LOGINS.1, FAILED_LOGINS.0),
             key_was_made: Arc::default(),
+            uses_noted: Arc::default(),
         }
     }
 
@@ -80,7 +97,31 @@ impl AppState {
         retention::keep_sweeping(self.store.clone(), self.retention()).await;
     }
 
-    /// Whether a key was ever made, also by another process a moment ago.
+    /// Notes the use of a key or session beside the request, at most once a minute: nobody waits for it, and if it fails,
+    /// so be it.
+    pub fn note_use<F>(&self, of: String, note: impl FnOnce(Store) -> F + Send + 'static)
+    where
+        F: Future<Output = Result<(), StoreError>> + Send + 'static,
+    {
+        let now = Instant::now();
+        let mut noted = self.uses_noted.lock().unwrap_or_else(PoisonError::into_inner);
+        if noted.get(&of).is_some_and(|at| now - *at < USE_NOTED_EVERY) {
+            return;
+        }
+        if noted.len() >= USES_KEPT {
+            noted.retain(|_, at| now - *at < USE_NOTED_EVERY);
+        }
+        noted.insert(of, now);
+        drop(noted);
+        let noting = note(self.store.clone());
+        tokio::spawn(async move {
+            if let Err(error) = noting.await {
+                tracing::debug!(%error, "the use of a key or session was not noted");
+            }
+        });
+    }
+
+    /// Whether a key or an account was ever made, also by another process a moment ago.
     ///
     /// # Errors
     /// [`StoreError`].

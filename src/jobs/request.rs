@@ -75,8 +75,10 @@ pub struct OrientationRequest {
     /// Which of the waiting go first: `low`, `normal` (the default) or `high`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub priority: Option<Priority>,
-    /// Not available yet.
+    /// An `https` address that is told by a `POST` when the orientation has ended, signed after the Standard Webhooks
+    /// specification and repeated until it is received, for 24 hours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!(null))]
     pub webhook: Option<String>,
 }
 
@@ -242,7 +244,6 @@ impl OrientationRequest {
         let mut faults = Faults::default();
         let mut warnings = Vec::new();
         self.check_sizes(camera_size_px, image, &mut faults);
-        self.check_what_is_not_there_yet(&mut faults);
         let scan = self.scan(camera_size_px, &mut faults);
         let tolerance = self.tolerance(&mut faults);
         let policy = self.policy(&mut faults);
@@ -276,15 +277,6 @@ impl OrientationRequest {
             faults.add(POINTER, "this camera is digital: only scans of film have an interior orientation of their own");
         }
         scan
-    }
-
-    fn check_what_is_not_there_yet(&self, faults: &mut Faults) {
-        if self.webhook.is_some() {
-            faults.add(
-                "/webhook",
-                "webhooks are not available yet; use `Prefer: wait=N` or the events of the orientation",
-            );
-        }
     }
 
     fn policy(&self, faults: &mut Faults) -> PolicyGiven {

@@ -67,7 +67,7 @@ impl Bench {
     fn wanted(&self) -> NewOrientation {
         let (image_id, camera_id, prepared) = (self.image_id, self.camera_id, self.prepared.clone());
         let (lane, priority) = (String::new(), Priority::Normal);
-        NewOrientation { id: Uuid::now_v7(), image_id, camera_id, prepared, lane, priority }
+        NewOrientation { id: Uuid::now_v7(), image_id, camera_id, prepared, lane, priority, webhook: None }
     }
 
     async fn row(&self, id: Uuid) -> Orientation {

@@ -3,19 +3,22 @@
 use std::fmt;
 use std::str::FromStr;
 
-use chrono::{DateTime, Utc};
+use chrono::{DateTime, SubsecRound as _, TimeDelta, Utc};
 use rand::TryRngCore as _;
 use rand::rngs::OsRng;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use sqlx::FromRow;
 use subtle::ConstantTimeEq as _;
+use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
 use crate::database::query;
 
 /// What a caller may do; each role may do all that the one before it may.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
 pub enum Role {
     /// Look.
     Reader,
@@ -75,6 +78,38 @@ pub struct Key {
     pub created_at: DateTime<Utc>,
     /// Since when it is not accepted any more.
     pub revoked_at: Option<DateTime<Utc>>,
+    /// When it ends by itself.
+    pub expires_at: Option<DateTime<Utc>>,
+    /// When it was last used, to the minute.
+    pub last_used_at: Option<DateTime<Utc>>,
+}
+
+/// How often the use of a key is noted.
+const USE_NOTED_EVERY: TimeDelta = TimeDelta::minutes(1);
+
+impl Key {
+    /// Whether it has ended by itself.
+    #[must_use]
+    pub fn has_expired(&self) -> bool {
+        self.expires_at.is_some_and(|at| at <= now())
+    }
+
+    /// Whether its use is worth a note: the last one is a minute old.
+    #[must_use]
+    pub fn use_is_worth_a_note(&self) -> bool {
+        self.last_used_at.is_none_or(|at| now() - at >= USE_NOTED_EVERY)
+    }
+}
+
+/// What somebody has shown to be let in.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Presented {
+    /// A key that is valid.
+    Valid(Key),
+    /// One that has ended by itself.
+    Expired(Key),
+    /// None, or one that was revoked.
+    Unknown,
 }
 
 #[derive(FromRow)]
@@ -85,6 +120,8 @@ struct Row {
     sha256: Vec<u8>,
     created_at: DateTime<Utc>,
     revoked_at: Option<DateTime<Utc>>,
+    expires_at: Option<DateTime<Utc>>,
+    last_used_at: Option<DateTime<Utc>>,
 }
 
 impl TryFrom<Row> for Key {
@@ -92,7 +129,15 @@ impl TryFrom<Row> for Key {
 
     fn try_from(row: Row) -> Result<Self, StoreError> {
         let role = row.role.parse().map_err(|_| StoreError::Unknown { what: "role", value: row.role })?;
-        Ok(Self { id: row.id, name: row.name, role, created_at: row.created_at, revoked_at: row.revoked_at })
+        Ok(Self {
+            id: row.id,
+            name: row.name,
+            role,
+            created_at: row.created_at,
+            revoked_at: row.revoked_at,
+            expires_at: row.expires_at,
+            last_used_at: row.last_used_at,
+        })
     }
 }
 
@@ -106,55 +151,89 @@ pub fn random_secret() -> Result<String, rand::rand_core::OsError> {
     Ok(bytes.iter().fold(String::from("gable_"), |text, byte| format!("{text}{byte:02x}")))
 }
 
-fn digest(secret: &str) -> [u8; 32] {
+/// What is kept of a key or a session.
+pub(super) fn digest(secret: &str) -> [u8; 32] {
     Sha256::digest(secret.as_bytes()).into()
 }
 
 impl Store {
-    /// Remembers a key.
+    /// Remembers a key, which may end by itself.
     ///
     /// # Errors
     /// [`StoreError::Database`], also if the same key is there already.
-    pub async fn add_key(&self, secret: &str, name: &str, role: Role) -> Result<Key, StoreError> {
-        let key = Key { id: Uuid::now_v7(), name: name.to_owned(), role, created_at: now(), revoked_at: None };
-        query("INSERT INTO keys (id, name, role, sha256, created_at) VALUES ($1, $2, $3, $4, $5)")
+    pub async fn add_key(
+        &self,
+        secret: &str,
+        name: &str,
+        role: Role,
+        expires_at: Option<DateTime<Utc>>,
+    ) -> Result<Key, StoreError> {
+        let key = Key {
+            id: Uuid::now_v7(),
+            name: name.to_owned(),
+            role,
+            created_at: now(),
+            revoked_at: None,
+            expires_at: expires_at.map(|at| at.trunc_subsecs(6)),
+            last_used_at: None,
+        };
+        query("INSERT INTO keys (id, name, role, sha256, created_at, expires_at) VALUES ($1, $2, $3, $4, $5, $6)")
             .bind(key.id)
             .bind(&key.name)
             .bind(role.name())
             .bind(digest(secret).as_slice())
             .bind(key.created_at)
+            .bind(key.expires_at)
             .execute(&self.database)
             .await?;
         Ok(key)
     }
 
-    /// The key that this secret belongs to; `None` if there is none or it was revoked.
+    /// The key that this secret belongs to. It is looked up each time: a key that is revoked ends at once.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn key(&self, secret: &str) -> Result<Option<Key>, StoreError> {
+    pub async fn key(&self, secret: &str) -> Result<Presented, StoreError> {
         let sha256 = digest(secret);
         let row: Option<Row> = query("SELECT * FROM keys WHERE sha256 = $1 AND revoked_at IS NULL")
             .bind(sha256.as_slice())
             .fetch_optional(&self.database)
             .await?;
-        row.filter(|row| bool::from(row.sha256.ct_eq(&sha256))).map(Key::try_from).transpose()
+        let row = row.filter(|row| bool::from(row.sha256.ct_eq(&sha256)));
+        Ok(match row.map(Key::try_from).transpose()? {
+            Some(key) if key.has_expired() => Presented::Expired(key),
+            Some(key) => Presented::Valid(key),
+            None => Presented::Unknown,
+        })
     }
 
-    /// Whether a key was ever made. Revoked ones count: taking the last key away must not open the door.
+    /// Notes that a key was used just now.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn note_use_of_key(&self, id: Uuid) -> Result<(), StoreError> {
+        query("UPDATE keys SET last_used_at = $1 WHERE id = $2").bind(now()).bind(id).execute(&self.database).await?;
+        Ok(())
+    }
+
+    /// Whether a key or an account was ever made. Revoked and disabled ones count: taking the last one away must not open
+    /// the door.
     ///
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn any_key(&self) -> Result<bool, StoreError> {
-        Ok(query("SELECT EXISTS (SELECT 1 FROM keys)").fetch_value(&self.database).await?)
+        Ok(query("SELECT EXISTS (SELECT 1 FROM keys) OR EXISTS (SELECT 1 FROM accounts)")
+            .fetch_value(&self.database)
+            .await?)
     }
 
-    /// All keys, the newest first.
+    /// At most `limit` keys, the newest first.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn keys(&self) -> Result<Vec<Key>, StoreError> {
-        let rows: Vec<Row> = query("SELECT * FROM keys ORDER BY id DESC").fetch_all(&self.database).await?;
+    pub async fn keys(&self, before: Option<Uuid>, limit: u32) -> Result<Vec<Key>, StoreError> {
+        let rows = query("SELECT * FROM keys WHERE TRUE").and("id < ?", before).then(" ORDER BY id DESC LIMIT ?");
+        let rows: Vec<Row> = rows.bind(limit).fetch_all(&self.database).await?;
         rows.into_iter().map(Key::try_from).collect()
     }
 

@@ -5,6 +5,8 @@
 //! their SHA-256; `incoming/` the uploads under way. Other rooms keep their own tables in the same database through
 //! [`Store::database`].
 
+pub mod accounts;
+pub mod audit;
 pub mod blocks;
 pub mod cameras;
 pub mod classifiers;
@@ -15,10 +17,12 @@ pub mod keys;
 pub mod mark_templates;
 mod objects;
 pub mod orientations;
+pub mod passwords;
 pub mod references;
 pub mod removal;
 pub mod sightings;
 pub mod uploads;
+pub mod webhooks;
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};

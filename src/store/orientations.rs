@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::sightings::{self, Sighting};
-use super::{Store, StoreError, count_of, now};
+use super::{Store, StoreError, count_of, now, webhooks};
 use crate::database::{Dialects, Executor, Query, Transaction, query};
 
 /// How far an orientation is.
@@ -121,6 +121,8 @@ pub struct NewOrientation {
     pub lane: String,
     /// Which go first.
     pub priority: Priority,
+    /// Who is told when it has ended.
+    pub webhook: Option<String>,
 }
 
 /// Which of the waiting go first.
@@ -181,7 +183,7 @@ pub struct Claim {
 pub const LEASE: Duration = Duration::from_secs(30);
 
 /// Milliseconds since 1970. The clocks of machines may differ; that of the database is one.
-const CLOCK: Dialects = Dialects {
+pub(super) const CLOCK: Dialects = Dialects {
     sqlite: "CAST(unixepoch('subsec') * 1000 AS INTEGER)",
     postgres: "CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)",
 };
@@ -282,8 +284,8 @@ pub async fn insert(transaction: &mut Transaction, new: &NewOrientation) -> Resu
         Transaction::Postgres(_) => number.replacen("max(", "greatest(", 1),
     };
     let insert = format!(
-        "INSERT INTO orientations (id, image_id, camera_id, prepared, status, created_at, lane, priority, turn)
-         VALUES ($1, $2, $3, $4, 'queued', $5, $6, $7, {number}) ON CONFLICT (id) DO NOTHING RETURNING turn"
+        "INSERT INTO orientations (id, image_id, camera_id, prepared, status, created_at, lane, priority, webhook, turn)
+         VALUES ($1, $2, $3, $4, 'queued', $5, $6, $7, $8, {number}) ON CONFLICT (id) DO NOTHING RETURNING turn"
     );
     let number = query(AssertSqlSafe(insert))
         .bind(new.id)
@@ -293,6 +295,7 @@ pub async fn insert(transaction: &mut Transaction, new: &NewOrientation) -> Resu
         .bind(now())
         .bind(&new.lane)
         .bind(i64::from(new.priority))
+        .bind(&new.webhook)
         .fetch_optional_value(transaction)
         .await?;
     Ok(number.map(|number| Turn { priority: new.priority, number }))
@@ -478,6 +481,7 @@ impl Store {
         let written = done == 1;
         if written {
             sightings::note(&mut transaction, claim.id, finished_at, &finished.sightings).await?;
+            webhooks::note_end(&mut transaction, claim.id).await?;
         }
         transaction.commit().await?;
         Ok(written)
@@ -488,6 +492,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn fail(&self, claim: Claim, failure: &Failure) -> Result<bool, StoreError> {
+        let mut transaction = self.database.begin().await?;
         let done = query(
             "UPDATE orientations SET status = 'failed', error_code = $1, error = $2, finished_at = $3, lease = NULL
              WHERE id = $4 AND status = 'running' AND lease = $5",
@@ -497,9 +502,14 @@ impl Store {
         .bind(now())
         .bind(claim.id)
         .bind(claim.lease)
-        .execute(&self.database)
+        .execute(&mut transaction)
         .await?;
-        Ok(done == 1)
+        let written = done == 1;
+        if written {
+            webhooks::note_end(&mut transaction, claim.id).await?;
+        }
+        transaction.commit().await?;
+        Ok(written)
     }
 
     /// Cancels an orientation that has not ended; `false` if it has, or if there is none.
@@ -507,15 +517,21 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn cancel(&self, id: Uuid) -> Result<bool, StoreError> {
+        let mut transaction = self.database.begin().await?;
         let done = query(
             "UPDATE orientations SET status = 'cancelled', finished_at = $1, lease = NULL
              WHERE id = $2 AND status IN ('queued', 'running')",
         )
         .bind(now())
         .bind(id)
-        .execute(&self.database)
+        .execute(&mut transaction)
         .await?;
-        Ok(done == 1)
+        let written = done == 1;
+        if written {
+            webhooks::note_end(&mut transaction, id).await?;
+        }
+        transaction.commit().await?;
+        Ok(written)
     }
 }
 

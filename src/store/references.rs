@@ -244,6 +244,7 @@ pub(crate) mod tests {
                 prepared: "{}".into(),
                 lane: String::new(),
                 priority: Priority::Normal,
+                webhook: None,
             };
             let mut transaction = self.store.begin_write().await.unwrap();
             assert!(orientations::insert(&mut transaction, &new).await.unwrap().is_some());

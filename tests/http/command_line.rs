@@ -84,7 +84,7 @@ fn settings_that_cannot_be_used_end_it_with_status_2_and_one_line() {
     std::fs::write(folder.path().join("type.toml"), "wait_max_s = \"long\"\n").unwrap();
     std::fs::write(folder.path().join("broken.toml"), "listen = \n").unwrap();
     type Variables<'a> = &'a [(&'a str, &'a str)];
-    let cases: [(&[&str], Variables<'_>, &str); 12] = [
+    let cases: [(&[&str], Variables<'_>, &str); 19] = [
         (&["serve", "--config", "missing.toml"], &[], "missing.toml"),
         (&["serve", "--config", "unknown.toml"], &[], "uplod_max_bytes"),
         (&["serve", "--config", "type.toml"], &[], "wait_max_s"),
@@ -94,6 +94,13 @@ fn settings_that_cannot_be_used_end_it_with_status_2_and_one_line() {
         (&["serve"], &[("GABLE_UPLOAD_MAX_BYTES", "many")], "upload_max_bytes"),
         (&["serve"], &[("GABLE_UPLOAD_MAX_BYTES", "0")], "upload_max_bytes is 0"),
         (&["serve"], &[("GABLE_HEAD_TIMEOUT_S", "99999999999")], "head_timeout_s is 99999999999"),
+        (&["serve"], &[("GABLE_RATE_PER_S", "-1")], "rate_per_s is -1"),
+        (&["serve"], &[("GABLE_RATE_BURST", "0")], "rate_burst is 0"),
+        (&["serve"], &[("GABLE_REQUESTS_MAX", "0")], "requests_max is 0"),
+        (&["serve"], &[("GABLE_SESSION_IDLE_S", "1")], "session_idle_s is 1"),
+        (&["serve"], &[("GABLE_WEBHOOK_HOSTS", "https://example.org/")], "webhook_hosts is https://example.org/"),
+        (&["serve"], &[("GABLE_WEBHOOK_SECRET", "whsec_c2hvcnQ=")], "webhook_secret is malformed"),
+        (&["serve"], &[("GABLE_COOKIE_SECURE", "perhaps")], "cookie_secure"),
         (&["serve"], &[("GABLE_LOG_FORMAT", "xml")], "log_format"),
         (&["serve"], &[("GABLE_LOG", "gable=loud")], "log is"),
         (&["serve"], &[("GABLE_BOOTSTRAP_KEY", "short")], "GABLE_BOOTSTRAP_KEY"),
@@ -190,6 +197,36 @@ fn keys_are_made_used_listed_and_revoked_while_the_service_runs() {
     let (status, _, errors) = output(&mut gable(folder.path(), &["key", "revoke", id]));
     assert_eq!(status, Some(1));
     assert!(errors.contains("no valid key"), "{errors}");
+}
+
+#[test]
+fn keys_end_by_themselves_accounts_log_in_and_the_audit_log_knows_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| output(&mut gable(folder.path(), arguments));
+    assert_eq!(run(&["key", "new", "--role", "admin", "--expires-in-days", "30"]).0, Some(0));
+    assert_eq!(run(&["key", "new", "--role", "reader", "--expires", "2099-01-01T00:00:00Z"]).0, Some(0));
+    assert_eq!(run(&["key", "new", "--role", "reader", "--expires", "2001-01-01T00:00:00Z"]).0, Some(1));
+    let listed = run(&["key", "list"]).1;
+    assert!(listed.contains("valid until 2099-01-01T00:00:00Z") && listed.contains("never used"), "{listed}");
+    let typed = |arguments: &[&str], text: &str| {
+        let mut command = gable(folder.path(), arguments);
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+        child.wait_with_output().unwrap().status.code()
+    };
+    let password = "correct horse battery\n";
+    assert_eq!(typed(&["account", "new", "anna", "--role", "operator"], "short\n"), Some(1));
+    assert_eq!(typed(&["account", "new", "anna", "--role", "operator"], password), Some(0));
+    assert_eq!(typed(&["account", "new", "anna", "--role", "operator"], password), Some(1));
+    assert_eq!(typed(&["account", "password", "anna"], password), Some(0));
+    assert_eq!(run(&["account", "disable", "anna"]).0, Some(0));
+    assert_eq!(run(&["account", "disable", "berta"]).0, Some(1));
+    let listed = run(&["account", "list"]).1;
+    assert!(listed.contains("anna") && listed.contains("operator") && listed.contains("disabled"), "{listed}");
+    let (status, verified, _) = run(&["audit", "verify"]);
+    assert!(status == Some(0) && verified.starts_with("5 rows"), "{verified}");
+    let secret = run(&["webhook", "secret"]).1;
+    assert!(secret.starts_with("whsec_") && secret == run(&["webhook", "secret"]).1, "{secret}");
 }
 
 #[test]

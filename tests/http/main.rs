@@ -6,6 +6,7 @@ pub(crate) use gable::database::Database;
 pub(crate) use gable::store::{Place, Store};
 
 mod access;
+mod audit;
 mod bad_requests;
 mod blocks;
 mod cameras;
@@ -25,12 +26,15 @@ mod kill;
 #[path = "../shared/labelled.rs"]
 mod labelled;
 mod orientations;
+mod rates;
 mod removal;
 mod scene_commands;
 #[path = "../shared/scratch.rs"]
 mod scratch;
+mod sessions;
 mod sockets;
 mod support;
 mod terrestrial;
 mod tools;
 mod uploads;
+mod webhooks;

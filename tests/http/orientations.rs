@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use axum::body::Body;
 use axum::http::Request;
+use gable::configuration::Configuration;
 use gable::diagnosis::{Diagnosis, Reason, Verdict};
 use gable::geometry::Segment2;
 use gable::jobs::Orient;
@@ -58,7 +59,7 @@ fn outcome(task: &Task) -> Outcome {
 }
 
 /// Succeeds at once.
-pub(super) fn quick() -> Orient {
+pub(crate) fn quick() -> Orient {
     Arc::new(|_, _, task, observer| {
         observer.progress(Stage::Predict, 0.1);
         Ok(outcome(task))
@@ -66,7 +67,7 @@ pub(super) fn quick() -> Orient {
 }
 
 /// Waits until it is let go or cancelled.
-pub(super) fn held(gate: &Arc<AtomicBool>) -> Orient {
+pub(crate) fn held(gate: &Arc<AtomicBool>) -> Orient {
     let gate = gate.clone();
     Arc::new(move |_, _, task, observer| {
         observer.progress(Stage::Locate, 0.4);
@@ -81,16 +82,24 @@ pub(super) fn held(gate: &Arc<AtomicBool>) -> Orient {
 }
 
 /// A service that works, with a camera "camera" and one image.
-pub(super) struct Working {
-    pub(super) service: Service,
-    pub(super) image: String,
+pub(crate) struct Working {
+    pub(crate) service: Service,
+    pub(crate) image: String,
     stop: CancellationToken,
     _guard: DropGuard,
 }
 
 impl Working {
-    pub(super) async fn with(orient: Orient) -> Self {
-        let service = Service::with_pipeline(|configuration| configuration.workers = 1, orient).await;
+    pub(crate) async fn with(orient: Orient) -> Self {
+        Self::set(|_| (), orient).await
+    }
+
+    pub(crate) async fn set(change: impl FnOnce(&mut Configuration), orient: Orient) -> Self {
+        let one_at_a_time = |configuration: &mut Configuration| {
+            configuration.workers = 1;
+            change(configuration);
+        };
+        let service = Service::with_pipeline(one_at_a_time, orient).await;
         service.state.jobs.prepare().await.unwrap();
         let stop = CancellationToken::new();
         let (jobs, stopped) = (service.state.jobs.clone(), stop.clone());
@@ -102,12 +111,12 @@ impl Working {
         Self { service, image, stop: stop.clone(), _guard: stop.drop_guard() }
     }
 
-    pub(super) fn request(&self) -> Value {
+    pub(crate) fn request(&self) -> Value {
         json!({"image": self.image, "camera": "camera", "approximation": {
             "position": {"crs": "EPSG:4979", "coordinates": [16.6, 52.7, 400.0]}, "kappa_deg": 10}})
     }
 
-    pub(super) async fn ask(&self, request: &Value, headers: &[(&'static str, &str)]) -> Answer {
+    pub(crate) async fn ask(&self, request: &Value, headers: &[(&'static str, &str)]) -> Answer {
         let mut post = json_post("/api/v1/orientations", request);
         for (name, value) in headers {
             post.headers_mut().insert(*name, value.parse().unwrap());
@@ -329,7 +338,11 @@ async fn what_makes_no_sense_is_refused_with_its_pointer_and_changes_nothing() {
         ("/approximation/omega_deg", json!(1e300), "/approximation/omega_deg"),
         ("/tolerance_gsd", json!(-1), "/tolerance_gsd"),
         ("/control", json!("points"), "/control"),
-        ("/webhook", json!("https://example.org/hook"), "/webhook"),
+        ("/webhook", json!("http://example.org/hook"), "/webhook"),
+        ("/webhook", json!("https://127.0.0.1/hook"), "/webhook"),
+        ("/webhook", json!("https://169.254.169.254/"), "/webhook"),
+        ("/webhook", json!("https://localhost/"), "/webhook"),
+        ("/webhook", json!("no address"), "/webhook"),
         ("/output_crs", json!("EPSG:2"), "/output_crs"),
     ];
     for (pointer, value, named) in cases {

@@ -77,7 +77,7 @@ impl Service {
 
     pub(crate) async fn key(&self, role: Role) -> (String, Key) {
         let secret = random_secret().unwrap();
-        let key = self.state.store.add_key(&secret, "test", role).await.unwrap();
+        let key = self.state.store.add_key(&secret, "test", role, None).await.unwrap();
         (secret, key)
     }
 

@@ -5,7 +5,7 @@ impl Bench {
     async fn waiting(&self, lane: &str, priority: Priority) -> Uuid {
         let image_id = self.image().await;
         let (id, lane, prepared) = (Uuid::now_v7(), lane.to_owned(), "{}".to_owned());
-        let new = NewOrientation { id, image_id, camera_id: self.camera_id, prepared, lane, priority };
+        let new = NewOrientation { id, image_id, camera_id: self.camera_id, prepared, lane, priority, webhook: None };
         let mut transaction = self.store.begin_write().await.unwrap();
         insert(&mut transaction, &new).await.unwrap().unwrap();
         transaction.commit().await.unwrap();
@@ -129,4 +129,34 @@ async fn what_a_process_had_under_way_is_found_by_its_name() {
     assert_eq!(bench.recovered(Abandoned::By(dead)).await, Vec::<Uuid>::new());
     assert_eq!(bench.store.queued().await.unwrap(), 1);
     assert!(bench.store.oldest_wait().await.unwrap().unwrap() < Duration::from_secs(60));
+}
+
+/// Who was to be told of an orientation has an event when it has ended, made in the same transaction, and one only.
+#[tokio::test]
+async fn every_end_is_an_event_for_who_asked_to_be_told() {
+    let bench = Bench::new().await;
+    let told = |id| query("UPDATE orientations SET webhook = 'https://example.org/' WHERE id = $1").bind(id);
+    let mut ended = Vec::new();
+    for end in ["finish", "fail", "cancel", "late"] {
+        let id = bench.waiting("a", Priority::Normal).await;
+        told(id).execute(bench.store.database()).await.unwrap();
+        let claim = bench.begun(id, Uuid::now_v7()).await;
+        let other = Claim { lease: Uuid::now_v7(), ..claim };
+        match end {
+            "finish" => assert!(bench.store.finish(claim, &finished("{}", &[])).await.unwrap()),
+            "fail" => {
+                let failure = Failure { code: "broken".into(), detail: "it is broken".into() };
+                assert!(bench.store.fail(claim, &failure).await.unwrap());
+            }
+            "cancel" => assert!(bench.store.cancel(id).await.unwrap()),
+            _ => assert!(!bench.store.finish(other, &finished("{}", &[])).await.unwrap()),
+        }
+        assert!(end == "late" || !bench.store.cancel(id).await.unwrap());
+        ended.push(id);
+    }
+    ended.pop();
+    let untold = bench.waiting("a", Priority::Normal).await;
+    assert!(bench.store.cancel(untold).await.unwrap());
+    let events = bench.store.webhooks(None, None, 10).await.unwrap();
+    assert_eq!(events.iter().rev().map(|event| event.orientation_id).collect::<Vec<_>>(), ended);
 }
