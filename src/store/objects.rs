@@ -38,6 +38,8 @@ impl Bucket {
         let place = url.strip_prefix("s3://").filter(|place| !place.is_empty());
         let place = place.ok_or_else(|| StoreError::ObjectsUrl { url: url.to_owned() })?;
         let (bucket, prefix) = place.split_once('/').unwrap_or((place, ""));
+        // of two that rustls knows; once it is chosen, it is
+        let _ = rustls::crypto::ring::default_provider().install_default();
         let plain = std::env::var("AWS_ENDPOINT_URL").is_ok_and(|address| address.starts_with("http://"));
         let store = AmazonS3Builder::from_env().with_bucket_name(bucket).with_allow_http(plain).build()?;
         Ok(Self { store: Arc::new(store), prefix: Key::from(prefix) })
