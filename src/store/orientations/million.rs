@@ -2,10 +2,10 @@
 //!
 //! `cargo test --release --lib -- --ignored a_million`
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::*;
-use crate::database::Database;
+use crate::database::{Database, Dialects};
 use crate::store::references::tests::Bench;
 
 const CLAIMS: u32 = 200;
