@@ -13,6 +13,10 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     cargo build --release --locked --bin gable && install target/release/gable /usr/local/bin/gable
 
 FROM debian:bookworm-slim
+# the certificates that webhooks and object stores are held against; and what `gable backup` wants for PostgreSQL
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends ca-certificates postgresql-client \
+    && rm -rf /var/lib/apt/lists/*
 RUN useradd --system --uid 10001 --no-create-home --shell /usr/sbin/nologin gable \
     && install --directory --owner gable --group gable /data
 COPY --from=build /usr/local/bin/gable /usr/local/bin/gable

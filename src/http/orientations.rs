@@ -4,8 +4,9 @@ mod answer;
 mod events;
 mod overlay;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use axum::body::Bytes;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -220,8 +221,22 @@ async fn list(
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
-async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axum::Json<OrientationAnswer>, Problem> {
-    Ok(axum::Json(OrientationAnswer::new(found(&state, id).await?)?))
+async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<Response, Problem> {
+    let began = Instant::now();
+    let text = match state.ended.get(&id) {
+        Some(text) => text,
+        None => {
+            let orientation = found(&state, id).await?;
+            let has_ended = orientation.status.is_final();
+            let text = serde_json::to_vec(&OrientationAnswer::new(orientation)?);
+            let text = Bytes::from(text.map_err(|error| Problem::internal(&error))?);
+            if has_ended {
+                state.ended.put(id, text.clone(), began);
+            }
+            text
+        }
+    };
+    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }
 
 /// What is to become of an orientation.
@@ -256,7 +271,10 @@ async fn cancel(
 ) -> Result<Response, Problem> {
     if query.forget {
         return match state.store.forget_orientation(id).await? {
-            Removal::Done => Ok(StatusCode::NO_CONTENT.into_response()),
+            Removal::Done => {
+                state.ended.forget_all();
+                Ok(StatusCode::NO_CONTENT.into_response())
+            }
             Removal::Missing => Err(missing()),
             Removal::InUse => Err(Problem::conflict("It has not ended; cancel it first.")),
         };

@@ -5,14 +5,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use axum::body::Bytes;
 use tokio::sync::Semaphore;
 
 use super::rate::Rates;
+use uuid::Uuid;
+
 use crate::configuration::Configuration;
 use crate::control::near::Reach;
 use crate::jobs::retention::{self, Retention};
 use crate::jobs::{Jobs, Orient, Settings};
 use crate::pipeline;
+use crate::store::recent::Recent;
 use crate::store::{Store, StoreError};
 
 /// Imports hold their body in memory, and the database takes one writer at a time anyway.
@@ -37,6 +41,8 @@ pub struct AppState {
     pub rates: Rates,
     /// How often each account and client address may fail to log in.
     pub failed_logins: Rates,
+    /// Answers of orientations that have ended, as they were a moment ago.
+    pub ended: Arc<Recent<Uuid, Bytes>>,
     key_was_made: Arc<AtomicBool>,
     uses_noted: Arc<Mutex<HashMap<String, Instant>>>,
 }
@@ -70,6 +76,7 @@ impl AppState {
             scans: Arc::new(Semaphore::new(scans)),
             rates,
             failed_logins: Rates::new(FAILED_LOGINS.1, FAILED_LOGINS.0),
+            ended: Arc::default(),
             key_was_made: Arc::default(),
             uses_noted: Arc::default(),
         }

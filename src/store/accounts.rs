@@ -106,7 +106,9 @@ impl Store {
              ON CONFLICT (name) DO NOTHING",
         );
         let insert = insert.bind(account.id).bind(name).bind(role.name()).bind(password).bind(account.created_at);
-        Ok((insert.execute(&self.database).await? == 1).then_some(account))
+        let inserted = insert.execute(&self.database).await?;
+        self.callers.forget();
+        Ok((inserted == 1).then_some(account))
     }
 
     /// At most `limit` accounts, the newest first.

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::time::Instant;
 
 use chrono::{DateTime, SubsecRound as _, TimeDelta, Utc};
 use rand::TryRngCore as _;
@@ -186,25 +187,34 @@ impl Store {
             .bind(key.expires_at)
             .execute(&self.database)
             .await?;
+        self.callers.forget();
         Ok(key)
     }
 
-    /// The key that this secret belongs to. It is looked up each time: a key that is revoked ends at once.
+    /// The key that this secret belongs to, as it was at most a moment ago: one that another process revokes ends within
+    /// a second.
     ///
     /// # Errors
     /// [`StoreError`].
     pub async fn key(&self, secret: &str) -> Result<Presented, StoreError> {
-        let sha256 = digest(secret);
+        let (sha256, began) = (digest(secret), Instant::now());
+        match self.callers.keys.get(&sha256) {
+            Some(Presented::Valid(key)) if key.has_expired() => return Ok(Presented::Expired(key)),
+            Some(presented) => return Ok(presented),
+            None => {}
+        }
         let row: Option<Row> = query("SELECT * FROM keys WHERE sha256 = $1 AND revoked_at IS NULL")
             .bind(sha256.as_slice())
             .fetch_optional(&self.database)
             .await?;
         let row = row.filter(|row| bool::from(row.sha256.ct_eq(&sha256)));
-        Ok(match row.map(Key::try_from).transpose()? {
+        let presented = match row.map(Key::try_from).transpose()? {
             Some(key) if key.has_expired() => Presented::Expired(key),
             Some(key) => Presented::Valid(key),
-            None => Presented::Unknown,
-        })
+            None => return Ok(Presented::Unknown),
+        };
+        self.callers.keys.put(sha256, presented.clone(), began);
+        Ok(presented)
     }
 
     /// Notes that a key was used just now.
@@ -213,6 +223,7 @@ impl Store {
     /// [`StoreError::Database`].
     pub async fn note_use_of_key(&self, id: Uuid) -> Result<(), StoreError> {
         query("UPDATE keys SET last_used_at = $1 WHERE id = $2").bind(now()).bind(id).execute(&self.database).await?;
+        self.callers.forget();
         Ok(())
     }
 
@@ -222,9 +233,14 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn any_key(&self) -> Result<bool, StoreError> {
-        Ok(query("SELECT EXISTS (SELECT 1 FROM keys) OR EXISTS (SELECT 1 FROM accounts)")
-            .fetch_value(&self.database)
-            .await?)
+        let began = Instant::now();
+        if let Some(any) = self.callers.any.get(&()) {
+            return Ok(any);
+        }
+        let any = query("SELECT EXISTS (SELECT 1 FROM keys) OR EXISTS (SELECT 1 FROM accounts)");
+        let any = any.fetch_value(&self.database).await?;
+        self.callers.any.put((), any, began);
+        Ok(any)
     }
 
     /// At most `limit` keys, the newest first.
@@ -247,6 +263,7 @@ impl Store {
             .bind(id)
             .execute(&self.database)
             .await?;
+        self.callers.forget();
         Ok(done == 1)
     }
 }

@@ -18,6 +18,7 @@ pub mod mark_templates;
 mod objects;
 pub mod orientations;
 pub mod passwords;
+pub mod recent;
 pub mod references;
 pub mod removal;
 pub mod sightings;
@@ -26,10 +27,12 @@ pub mod webhooks;
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use chrono::{DateTime, SubsecRound, Utc};
 
 use self::objects::Bucket;
+use self::recent::Recent;
 use crate::database::{Database, OpenError, Transaction, query};
 
 /// Why the store could not do what was asked.
@@ -94,6 +97,22 @@ pub struct Store {
     database: Database,
     folder: PathBuf,
     bucket: Option<Bucket>,
+    callers: Arc<Callers>,
+}
+
+/// Who was let in a moment ago: most requests come from the same few.
+#[derive(Debug, Default)]
+struct Callers {
+    keys: Recent<[u8; 32], keys::Presented>,
+    any: Recent<(), bool>,
+}
+
+impl Callers {
+    /// After any change to them in this process.
+    fn forget(&self) {
+        self.keys.forget_all();
+        self.any.forget_all();
+    }
 }
 
 /// Where a store is.
@@ -149,7 +168,7 @@ impl Store {
             }
         };
         let bucket = place.objects_url.map(Bucket::open).transpose()?;
-        Ok(Self { database, folder: folder.to_owned(), bucket })
+        Ok(Self { database, folder: folder.to_owned(), bucket, callers: Arc::default() })
     }
 
     /// Makes this process the one service of the data folder, as long as the lock is kept. Tools that only read and

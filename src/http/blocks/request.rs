@@ -63,6 +63,8 @@ pub(super) struct BlockQuery {
     /// Which of the waiting go first: `low`, `normal` (the default) or `high`.
     #[param(inline)]
     priority: Option<Priority>,
+    /// An https address that is told when an image of the block has ended.
+    webhook: Option<String>,
 }
 
 /// The unit of angles.
@@ -114,7 +116,7 @@ impl BlockQuery {
             interior_orientation: None,
             output_crs: self.output_crs.clone(),
             priority: self.priority,
-            webhook: None,
+            webhook: self.webhook.clone(),
         })
     }
 

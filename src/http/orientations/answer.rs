@@ -2,6 +2,7 @@
 
 use chrono::{DateTime, Utc};
 use serde::Serialize;
+use serde_json::value::RawValue;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
@@ -35,7 +36,7 @@ pub(super) struct OrientationAnswer {
     /// What came out; only of one that has succeeded, and not in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<OrientationResult>)]
-    result: Option<serde_json::Value>,
+    result: Option<Box<RawValue>>,
     /// When it was asked for.
     created_at: DateTime<Utc>,
     /// When it was last begun.
@@ -56,7 +57,7 @@ struct ErrorAnswer {
 
 impl OrientationAnswer {
     pub(super) fn new(orientation: Orientation) -> Result<Self, Problem> {
-        let result = orientation.result.as_deref().map(serde_json::from_str).transpose();
+        let result = orientation.result.map(RawValue::from_string).transpose();
         Ok(Self {
             id: orientation.id,
             image: orientation.image_id,
