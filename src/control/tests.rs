@@ -434,11 +434,15 @@ async fn a_million_control_points_are_searched_by_their_index() {
         assert!(found.len() > 100, "{}", found.len());
     }
     times.sort_by(f64::total_cmp);
-    println!("a window among a million control points: p50 {:.1} ms, p95 {:.1} ms", 1e3 * times[100], 1e3 * times[190]);
+    eprintln!(
+        "a window among a million control points: p50 {:.1} ms, p95 {:.1} ms",
+        1e3 * times[100],
+        1e3 * times[190]
+    );
     assert!(times[190] < 0.02, "{times:?}");
     let region = GeodeticBox::around_place([8.5, 50.5], 600.0);
     let told = crate::store::orientations::million::plan(&pool, points::searched(&pool, region)).await;
-    println!("{told}");
+    eprintln!("{told}");
     let index = told.contains("VIRTUAL TABLE INDEX") || told.contains("control_points_by_extent");
     assert!(index && !told.contains("Seq Scan"), "{told}");
 }

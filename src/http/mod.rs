@@ -91,7 +91,6 @@ pub fn router(state: AppState) -> Result<Router, serde_json::Error> {
 }
 
 /// What a service answers that only works: health and figures.
-#[must_use]
 pub fn monitoring(state: AppState) -> Router {
     let routes = OpenApiRouter::new().merge(health::routes()).merge(metrics::routes());
     furnished(routes.split_for_parts().0, state)

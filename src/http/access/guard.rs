@@ -51,7 +51,7 @@ pub async fn guard(
             if problem.status() == StatusCode::FORBIDDEN {
                 deed.note(&state, who, problem.status(), None).await;
             }
-            return Err(problem);
+            return Err(*problem);
         }
     };
     let who = caller.as_ref().map(|caller| caller.credential.clone());
@@ -119,13 +119,13 @@ fn watched(request: Request) -> (Request, Arc<AtomicBool>) {
 
 /// Why somebody was not let through, and who it was as far as that is known.
 struct Refused {
-    problem: Problem,
+    problem: Box<Problem>,
     who: Option<String>,
 }
 
 impl From<Problem> for Refused {
     fn from(problem: Problem) -> Self {
-        Self { problem, who: None }
+        Self { problem: Box::new(problem), who: None }
     }
 }
 
@@ -174,7 +174,7 @@ impl Deed {
         take(Some(caller.credential.as_str()).filter(|who| *who != super::LOOPBACK))?;
         if caller.role < role {
             let problem = Problem::forbidden(format!("Your role is {}; this needs {role}.", caller.role));
-            return Err(Refused { problem, who: Some(caller.credential) });
+            return Err(Refused { problem: Box::new(problem), who: Some(caller.credential) });
         }
         Ok(Some(caller))
     }

@@ -73,7 +73,7 @@ async fn a_million_orientations_that_have_ended_make_nothing_slow() {
     fill(&bench).await;
     let full_s = claims(&bench).await;
     let ratio = full_s / empty_s;
-    println!("J10: a claim takes {:.2} ms, after a million {:.2} ms: {ratio:.2} times", 1e3 * empty_s, 1e3 * full_s);
+    eprintln!("J10: a claim takes {:.2} ms, after a million {:.2} ms: {ratio:.2} times", 1e3 * empty_s, 1e3 * full_s);
     assert!(ratio <= 2.0, "{ratio}");
     // each list walks along an index from its beginning
     for (filter, index) in [
@@ -83,7 +83,7 @@ async fn a_million_orientations_that_have_ended_make_nothing_slow() {
         (Filter { image_id: Some(bench.image().await), ..Filter::default() }, "orientations_by_image"),
     ] {
         let told = plan(bench.store.database(), listed(&filter, 50)).await;
-        println!("{filter:?}: {told}");
+        eprintln!("{filter:?}: {told}");
         let scans = told.contains("SCAN orientations;") || told.contains("Seq Scan") || !told.contains(index);
         assert!(!scans, "{told}");
         let began = Instant::now();
