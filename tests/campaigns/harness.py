@@ -68,9 +68,10 @@ class Service:
         self.data, self.port = str(data), free_port()
         self.log = open(f"{self.data}.log", "ab")
         settings = {"GABLE_LOG": "warn", "GABLE_RATE_PER_S": "0", **(environment or {})}
+        surroundings = {name: value for name, value in os.environ.items() if not name.startswith("GABLE_")}
         self.process = subprocess.Popen(
             [GABLE, command, "--listen", f"127.0.0.1:{self.port}", "--data", self.data, *arguments],
-            env={**os.environ, **settings}, stderr=self.log, stdin=subprocess.DEVNULL, start_new_session=True)
+            env={**surroundings, **settings}, stderr=self.log, stdin=subprocess.DEVNULL, start_new_session=True)
         if ready:
             self.wait_ready()
 

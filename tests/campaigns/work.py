@@ -78,7 +78,7 @@ def orphans(figures, long):
         town = Town(path)
         image = town.put(service)
         waits = []
-        for _ in range(10 if long else 2):
+        for _ in range(10 if long else 1):
             dying = Service(path / "a", "--workers", "1", *url, command="work")
             ids = [submit(lambda: service, town.request(image)) for _ in range(3)]
             until = time.time() + 30
@@ -178,8 +178,8 @@ def ending(figures, long):
     ends, lost, at_once = [], 0, []
     with folder() as path:
         town, ids = Town(path), []
-        for _ in range(20 if long else 5):
-            service = Service(path / "data", "--workers", "2", environment={"GABLE_SHUTDOWN_TIMEOUT_S": "10"})
+        for _ in range(20 if long else 4):
+            service = Service(path / "data", "--workers", "2", environment={"GABLE_SHUTDOWN_TIMEOUT_S": "5"})
             image = town.put(service)
             slow = []
             for _ in range(20):
@@ -205,7 +205,7 @@ def ending(figures, long):
         lost = len(ids) - len(ended)
         failed = sum(o["status"] != "succeeded" for o in ended.values())
         service.end()
-    figures.add("J7", f"{len(ends)} times SIGTERM with 20 slow clients (shutdown_timeout_s 10): out after at most {max(ends):.1f} s, a "
+    figures.add("J7", f"{len(ends)} times SIGTERM with 20 slow clients (shutdown_timeout_s 5): out after at most {max(ends):.1f} s, a "
                       f"second signal after {max(at_once):.1f} s; of {len(ids)} jobs {lost} lost, {failed} failed",
                 max(ends) <= 30 and max(at_once) <= 1.5 and lost == 0 and failed == 0, seconds=ends)
 
