@@ -106,9 +106,7 @@ impl Store {
              ON CONFLICT (name) DO NOTHING",
         );
         let insert = insert.bind(account.id).bind(name).bind(role.name()).bind(password).bind(account.created_at);
-        let inserted = insert.execute(&self.database).await?;
-        self.callers.forget();
-        Ok((inserted == 1).then_some(account))
+        Ok((insert.execute(&self.database).await? == 1).then_some(account))
     }
 
     /// At most `limit` accounts, the newest first.

@@ -187,7 +187,6 @@ impl Store {
             .bind(key.expires_at)
             .execute(&self.database)
             .await?;
-        self.callers.forget();
         Ok(key)
     }
 
@@ -198,7 +197,7 @@ impl Store {
     /// [`StoreError`].
     pub async fn key(&self, secret: &str) -> Result<Presented, StoreError> {
         let (sha256, began) = (digest(secret), Instant::now());
-        match self.callers.keys.get(&sha256) {
+        match self.recent_keys.get(&sha256) {
             Some(Presented::Valid(key)) if key.has_expired() => return Ok(Presented::Expired(key)),
             Some(presented) => return Ok(presented),
             None => {}
@@ -213,7 +212,7 @@ impl Store {
             Some(key) => Presented::Valid(key),
             None => return Ok(Presented::Unknown),
         };
-        self.callers.keys.put(sha256, presented.clone(), began);
+        self.recent_keys.put(sha256, presented.clone(), began);
         Ok(presented)
     }
 
@@ -223,7 +222,7 @@ impl Store {
     /// [`StoreError::Database`].
     pub async fn note_use_of_key(&self, id: Uuid) -> Result<(), StoreError> {
         query("UPDATE keys SET last_used_at = $1 WHERE id = $2").bind(now()).bind(id).execute(&self.database).await?;
-        self.callers.forget();
+        self.recent_keys.forget_all();
         Ok(())
     }
 
@@ -233,14 +232,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn any_key(&self) -> Result<bool, StoreError> {
-        let began = Instant::now();
-        if let Some(any) = self.callers.any.get(&()) {
-            return Ok(any);
-        }
         let any = query("SELECT EXISTS (SELECT 1 FROM keys) OR EXISTS (SELECT 1 FROM accounts)");
-        let any = any.fetch_value(&self.database).await?;
-        self.callers.any.put((), any, began);
-        Ok(any)
+        Ok(any.fetch_value(&self.database).await?)
     }
 
     /// At most `limit` keys, the newest first.
@@ -263,7 +256,7 @@ impl Store {
             .bind(id)
             .execute(&self.database)
             .await?;
-        self.callers.forget();
+        self.recent_keys.forget_all();
         Ok(done == 1)
     }
 }

@@ -97,22 +97,8 @@ pub struct Store {
     database: Database,
     folder: PathBuf,
     bucket: Option<Bucket>,
-    callers: Arc<Callers>,
-}
-
-/// Who was let in a moment ago: most requests come from the same few.
-#[derive(Debug, Default)]
-struct Callers {
-    keys: Recent<[u8; 32], keys::Presented>,
-    any: Recent<(), bool>,
-}
-
-impl Callers {
-    /// After any change to them in this process.
-    fn forget(&self) {
-        self.keys.forget_all();
-        self.any.forget_all();
-    }
+    /// Keys that were let in a moment ago: most requests come from the same few.
+    recent_keys: Arc<Recent<[u8; 32], keys::Presented>>,
 }
 
 /// Where a store is.
@@ -168,7 +154,7 @@ impl Store {
             }
         };
         let bucket = place.objects_url.map(Bucket::open).transpose()?;
-        Ok(Self { database, folder: folder.to_owned(), bucket, callers: Arc::default() })
+        Ok(Self { database, folder: folder.to_owned(), bucket, recent_keys: Arc::default() })
     }
 
     /// Makes this process the one service of the data folder, as long as the lock is kept. Tools that only read and

@@ -67,7 +67,7 @@ class Service:
     def __init__(self, data, *arguments, command="serve", environment=None, ready=True):
         self.data, self.port = str(data), free_port()
         self.log = open(f"{self.data}.log", "ab")
-        settings = {"GABLE_LOG": "warn", "GABLE_RATE_PER_S": "0", **(environment or {})}
+        settings = {"GABLE_LOG": "warn", "GABLE_RATE_PER_S": "0", "RUST_BACKTRACE": "0", **(environment or {})}
         surroundings = {name: value for name, value in os.environ.items() if not name.startswith("GABLE_")}
         self.process = subprocess.Popen(
             [GABLE, command, "--listen", f"127.0.0.1:{self.port}", "--data", self.data, *arguments],

@@ -56,10 +56,11 @@ def bad_inputs(figures, long):
         log = (path / "data.log").read_text(errors="replace")
         panics = log.count("panicked") + log.count("worker process has ended")
         service.end()
+    sent = sum(statuses.values()) + len(strange)
     told = ", ".join(f"{status}: {n}" for status, n in sorted(statuses.items()))
-    figures.add("E2", f"{count} bad inputs: {told}; {len(strange)} not meant, {len(slow)} slower than 2 s, {panics} panics or ended workers; "
+    figures.add("E2", f"{sent} bad inputs: {told}; {len(strange)} not meant, {len(slow)} slower than 2 s, {panics} panics or ended workers; "
                       f"{len(ids)} damaged pictures oriented: {len(ids) - len(ended)} without end, {len(internal)} by a fault of ours",
-                not strange and not slow and not panics and not internal and len(ended) == len(ids),
+                sent == count and not strange and not slow and not panics and not internal and len(ended) == len(ids),
                 strange=[str(s) for s in strange[:20]], slow=[str(s) for s in slow[:20]])
     for case in strange[:5] + slow[:5] + internal[:5]:
         print("       ", case)
@@ -102,9 +103,9 @@ def bad(own, pictures, image, town):
             at = own.randrange(len(picture))
             picture[at:at + 500] = b"\0" * min(500, len(picture) - at)
         elif change == "double":
-            picture += picture
+            picture = picture + picture
         elif change == "tail":
-            picture += own.randbytes(own.randrange(1, 3000))
+            picture = picture + own.randbytes(own.randrange(1, 3000))
         else:
             picture = bytearray(b"<html><script>alert(1)</script>") + picture
         kind = own.choice(["image/png", "image/jpeg", "image/tiff"])

@@ -11,7 +11,7 @@ import subprocess
 import threading
 import time
 
-from harness import (CAMERA, ROOT, Gone, Service, Town, folder, free_port, in_parallel, percentile, png, upload, wait_all, wanted)
+from harness import (CAMERA, GABLE, ROOT, Gone, Service, Town, folder, free_port, in_parallel, percentile, png, upload, wait_all, wanted)
 
 
 def uploads(figures, long):
@@ -27,7 +27,7 @@ def uploads(figures, long):
             (415, png(9, 9, 3), {"Content-Type": "text/plain"}),
             (415, png(9, 9, 4), {"Content-Type": "image/jpeg"}),
             (413, None, {"Content-Type": "image/png", "Content-Length": "300000001"}),
-            (422, b"no picture", {"Content-Type": "image/png"}),
+            (415, b"no picture", {"Content-Type": "image/png"}),
         ]
         as_documented = 0
         for status, content, headers in cases:
@@ -230,12 +230,15 @@ def reading(figures, long):
         image = town.put(service)
         answer = service.post("/api/v1/orientations", town.request(image), {"Prefer": "wait=120"})
         (path / "answer.json").write_bytes(answer.body)
+        # as a program that asks over the network would
+        key = subprocess.run([GABLE, "key", "new", "--role", "reader", "--data", str(path / "data")], capture_output=True, text=True,
+                             check=True).stdout.strip()
         port = free_port()
         other = subprocess.Popen([bare, f"127.0.0.1:{port}", str(path / "answer.json")])
         time.sleep(0.5)
         ours, theirs = [], []
         for _ in range(5 if long else 3):
-            ours.append(wrk(f"http://127.0.0.1:{service.port}/api/v1/orientations/{answer.json()['id']}"))
+            ours.append(wrk(f"http://127.0.0.1:{service.port}/api/v1/orientations/{answer.json()['id']}", key))
             theirs.append(wrk(f"http://127.0.0.1:{port}/"))
         other.kill()
         service.end()
@@ -245,7 +248,8 @@ def reading(figures, long):
                      f"(median of {len(ratios)})", ratio >= 0.25, ratio=ratio)
 
 
-def wrk(url):
-    told = subprocess.run(["wrk", "-t1", "-c16", "-d4s", url], capture_output=True, text=True, check=True).stdout
+def wrk(url, key=None):
+    access = ["-H", f"Authorization: Bearer {key}"] if key else []
+    told = subprocess.run(["wrk", "-t1", "-c16", "-d4s", *access, url], capture_output=True, text=True, check=True).stdout
     assert "Non-2xx" not in told, told
     return float(re.search(r"Requests/sec:\s+([\d.]+)", told).group(1))

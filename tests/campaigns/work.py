@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 
-from harness import (CAMERA, Gone, Postgres, Service, Town, folder, grey, upload, wait_all, wanted)
+from harness import (CAMERA, Gone, Postgres, Service, Town, folder, grey, png, upload, wait_all, wanted)
 
 
 def submit(service, request, patience=120):

@@ -193,6 +193,7 @@ fn keys_are_made_used_listed_and_revoked_while_the_service_runs() {
     assert!(listed.contains("reader") && listed.contains("anna") && !listed.contains(secret), "{listed}");
     let id = listed.split_whitespace().next().unwrap();
     assert_eq!(output(&mut gable(folder.path(), &["key", "revoke", id])).0, Some(0));
+    std::thread::sleep(Duration::from_secs(1));
     assert!(serving.get("/api/v1/cameras", secret).starts_with("HTTP/1.1 401"));
     let (status, _, errors) = output(&mut gable(folder.path(), &["key", "revoke", id]));
     assert_eq!(status, Some(1));

@@ -1,4 +1,4 @@
-//! A store of its own for a test: over SQLite, or over PostgreSQL if `GABLE_TEST_POSTGRES` names a server on which databases
+//! A store of its own for a test: over SQLite, or over PostgreSQL if `TEST_POSTGRES` names a server on which databases
 //! may be made. So the same tests run over both; `tests/with-postgres` starts a server for it.
 
 use std::path::Path;
@@ -12,7 +12,7 @@ use super::{Database, Place, Store};
 
 /// The URL of a fresh database on the server, if there is one. It ends with the server.
 pub(crate) async fn database_url() -> Option<String> {
-    let server = std::env::var("GABLE_TEST_POSTGRES").ok()?;
+    let server = std::env::var("TEST_POSTGRES").ok()?;
     let name = format!("gable_{}", Uuid::now_v7().simple());
     let options = PgConnectOptions::from_str(&server).unwrap();
     let mut connection = PgConnection::connect_with(&options).await.unwrap();
@@ -58,7 +58,7 @@ pub(crate) async fn store(folder: &Path) -> Store {
 #[allow(dead_code, reason = "not every program of tests wants it")]
 /// Whether this run is over SQLite; says so if a test is left out because it is not.
 pub(crate) fn over_sqlite() -> bool {
-    let sqlite = std::env::var_os("GABLE_TEST_POSTGRES").is_none();
+    let sqlite = std::env::var_os("TEST_POSTGRES").is_none();
     if !sqlite {
         eprintln!("skipped: it is about SQLite");
     }
