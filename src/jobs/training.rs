@@ -21,7 +21,7 @@ use crate::learning::{Costs, Kind};
 use crate::store::cameras::NamedCamera;
 use crate::store::classifiers::{ClassifierTexts, StoredClassifier};
 use crate::store::references::{ReferenceOrientation, ReferencedRecord};
-use crate::store::{Store, StoreError, TRAINING};
+use crate::store::{Store, StoreError, TRAINING, now};
 
 /// What is to be trained: kept with the classifier.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -64,6 +64,8 @@ const PAGE: u32 = 200;
 const NOTE_INTERVAL: Duration = Duration::from_millis(500);
 /// The lock that the one holds who trains.
 const TRAINING_LOCK: i64 = 0x6761_626c_6503;
+/// After so long without the service that has received it, an uploaded set is taken for lost, and its training fails.
+const UPLOAD_LOST_AFTER: Duration = Duration::from_secs(3600);
 /// How often it is looked for what other services have left.
 const LOOK_INTERVAL: Duration = Duration::from_secs(30);
 /// After an error of the store, before the next try.
@@ -110,6 +112,13 @@ pub fn upload_path(store: &Store, id: Uuid) -> PathBuf {
     store.folder().join(TRAINING).join(format!("{id}.jsonl"))
 }
 
+/// Whether what has this UUIDv7 is so old.
+fn asked_for_before(id: Uuid, age: Duration) -> bool {
+    let now_ms = u64::try_from(now().timestamp_millis()).unwrap_or_default();
+    let made_ms = id.get_timestamp().map_or(0, |made| made.to_unix().0 * 1000);
+    Duration::from_millis(now_ms.saturating_sub(made_ms)) > age
+}
+
 impl Inner {
     /// Trains what waits, one after the other, until the service ends. What is interrupted begins anew with the next start.
     pub(super) async fn train(self: Arc<Self>) {
@@ -138,11 +147,12 @@ impl Inner {
     async fn train_next(&self) -> Result<bool, StoreError> {
         let Some(_turn) = self.store.database().try_lock(TRAINING_LOCK).await? else { return Ok(false) };
         // an uploaded set lies in the data folder of the service that has received it
-        let can = |id, plan: &str| {
+        let can = |id: Uuid, plan: &str| {
             let plan = serde_json::from_str::<TrainingPlan>(plan);
             !self.store.database().is_shared()
                 || plan.is_ok_and(|plan| plan.source == Source::History)
                 || upload_path(&self.store, id).exists()
+                || asked_for_before(id, UPLOAD_LOST_AFTER)
         };
         match self.store.begin_training(can).await? {
             Some(stored) => self.train_one(&stored).await.map(|()| true),
