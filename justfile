@@ -58,6 +58,16 @@ fuzz seconds="60" *targets:
 clients url key="" examples="100":
     tests/clients/run "{{url}}" "{{key}}" "{{examples}}"
 
+# hold the running service against its promises of reliability (`just campaigns --long` before a release)
+campaigns *arguments:
+    cargo build --release --bin gable --example bare
+    tests/campaigns/run {{arguments}}
+
+# the tests of the store and of the service over PostgreSQL
+test-postgres:
+    tests/with-postgres cargo test --release --lib -- --skip simulation:: store:: control:: jobs:: http:: webhooks::
+    tests/with-postgres cargo test --release --test http
+
 # orient the real images of all datasets, with all approximations, and compare with their references
 bench-real:
     #!/usr/bin/env bash

@@ -9,6 +9,12 @@ KNOWN = {
     ("POST /api/v1/classifiers", "Unsupported content type text/plain"),
     # it sends a file as a form, and the bare body by any other HTTP client
     ("POST /api/v1/images", "Unsupported content type application/octet-stream"),
+    # of a flight's list it sends GeoJSON; tables and text by any other HTTP client, or `gable block post`
+    ("POST /api/v1/blocks", "Unsupported content type text/csv"),
+    ("POST /api/v1/blocks", "Unsupported content type text/plain"),
+    # tus has clients of its own
+    ("POST /api/v1/uploads", "Unsupported content type application/offset+octet-stream"),
+    ("PATCH /api/v1/uploads/{id}", "Unsupported content type application/offset+octet-stream"),
 }
 
 text = Path(sys.argv[1]).read_text()
