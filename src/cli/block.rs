@@ -15,7 +15,7 @@ use super::print;
 const EXAMPLES: &str = "Example:
   gable block post flight.csv --images scans --camera rmk-top-15 --crs EPSG:25832 --tolerance-gsd 5";
 
-/// Orients the images of a flight by a service.
+/// Orient the images of a flight by a service
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct BlockCommand {
@@ -28,7 +28,7 @@ enum Action {
     Post(Box<Post>),
 }
 
-/// Posts the list of a flight and uploads its images.
+/// Post the list of a flight and upload its images
 #[derive(Debug, Args)]
 struct Post {
     /// The list: CSV with a header (.csv), GeoJSON points (.geojson, .json), or lines `name X Y Z [omega phi kappa]`.

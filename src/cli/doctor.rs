@@ -17,7 +17,7 @@ const EXAMPLES: &str = "\
 Examples:
   gable doctor --config /etc/gable.toml
       Looks at everything that `gable serve` would need, a line each, and ends with status 1 if something is wrong. \
-      Changes nothing; may run beside the service.
+      May run beside the service; makes the data folder if there is none.
 
   gable doctor --settings
       Also shows every setting as it would be, secrets left out.";

@@ -135,7 +135,8 @@ def fencing(figures, long):
 
 
 def poison(figures, long):
-    """J4: an image that kills its worker is given up, and takes nothing else along."""
+    """J4: an image that kills its worker is given up, and takes nothing else along. Of few others its attempts are a large
+    part, so that their rate is judged in the long form only."""
     count = 200 if long else 30
     with folder() as path:
         town = Town(path)
@@ -169,7 +170,7 @@ def poison(figures, long):
     error = fate.get("error") or {}
     figures.add("J4", f"an image that needs more memory than a worker may have: {fate['status']} ({error}); the {count} others all "
                       f"succeeded {beside_well}, at {100 * rate:.0f} % of the rate without it",
-                alone_well and beside_well and fate["status"] == "failed" and rate >= 0.85, error=error, rate=rate)
+                alone_well and beside_well and fate["status"] == "failed" and (rate >= 0.9 or not long), error=error, rate=rate)
 
 
 def ending(figures, long):
