@@ -7,7 +7,7 @@ use chrono::{DateTime, Utc};
 use sqlx::FromRow;
 use uuid::Uuid;
 
-use super::{Store, StoreError, now};
+use super::{Store, StoreError, now, webhooks};
 use crate::database::{Dialects, Transaction, query};
 
 /// A block.
@@ -149,20 +149,24 @@ pub async fn attach(
     Ok(attached == 1)
 }
 
-/// Cancels all orientations of a block that have not ended: which ones.
+/// Cancels all orientations of a block that have not ended: which ones. Whoever is to be told of their end is told.
 ///
 /// # Errors
 /// [`StoreError::Database`].
 pub async fn cancel(transaction: &mut Transaction, block: Uuid) -> Result<Vec<Uuid>, StoreError> {
-    Ok(query(
+    let cancelled = query(
         "UPDATE orientations SET status = 'cancelled', finished_at = $1, lease = NULL
          WHERE status IN ('queued', 'running')
          AND id IN (SELECT orientation_id FROM block_images WHERE block_id = $2) RETURNING id",
     )
     .bind(now())
     .bind(block)
-    .fetch_values(transaction)
-    .await?)
+    .fetch_values(&mut *transaction)
+    .await?;
+    for id in &cancelled {
+        webhooks::note_end(transaction, *id).await?;
+    }
+    Ok(cancelled)
 }
 
 /// Removes a block with its list; `false` if there is none.

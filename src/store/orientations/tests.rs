@@ -1,6 +1,8 @@
 use std::time::Duration;
 
 use super::*;
+use crate::store::blocks::{self, Block, BlockImage};
+use crate::store::now;
 use crate::store::references::tests::{Bench, finished};
 
 impl Bench {
@@ -34,6 +36,27 @@ impl Bench {
         let again = recover(&mut transaction, abandoned, "killed").await.unwrap();
         transaction.commit().await.unwrap();
         again.into_iter().map(|(id, _)| id).collect()
+    }
+
+    /// What is cancelled with a block of this orientation alone.
+    async fn cancelled_with_block(&self, id: Uuid) -> Vec<Uuid> {
+        let text = String::new;
+        let block =
+            Block { id: Uuid::now_v7(), name: text(), settings: text(), crs: text(), images: 1, created_at: now() };
+        let image = BlockImage {
+            number: 1,
+            name: text(),
+            approximation: text(),
+            sha256: None,
+            image_id: None,
+            orientation_id: Some(id),
+        };
+        let mut transaction = self.store.begin_write().await.unwrap();
+        blocks::insert(&mut transaction, &block).await.unwrap();
+        blocks::insert_image(&mut transaction, block.id, &image).await.unwrap();
+        let cancelled = blocks::cancel(&mut transaction, block.id).await.unwrap();
+        transaction.commit().await.unwrap();
+        cancelled
     }
 
     /// Lets a lease run out.
@@ -139,7 +162,7 @@ async fn every_end_is_an_event_for_who_asked_to_be_told() {
     let bench = Bench::new().await;
     let told = |id| query("UPDATE orientations SET webhook = 'https://example.org/' WHERE id = $1").bind(id);
     let mut ended = Vec::new();
-    for end in ["finish", "fail", "cancel", "late"] {
+    for end in ["finish", "fail", "cancel", "block", "late"] {
         let id = bench.waiting("a", Priority::Normal).await;
         told(id).execute(bench.store.database()).await.unwrap();
         let claim = bench.begun(id, Uuid::now_v7()).await;
@@ -151,6 +174,7 @@ async fn every_end_is_an_event_for_who_asked_to_be_told() {
                 assert!(bench.store.fail(claim, &failure).await.unwrap());
             }
             "cancel" => assert!(bench.store.cancel(id).await.unwrap()),
+            "block" => assert_eq!(bench.cancelled_with_block(id).await, [id]),
             _ => assert!(!bench.store.finish(other, &finished("{}", &[])).await.unwrap()),
         }
         assert!(end == "late" || !bench.store.cancel(id).await.unwrap());
