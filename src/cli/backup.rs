@@ -7,8 +7,7 @@ use clap::Args;
 use gable::configuration::Configuration;
 use gable::database::{Database, query};
 use gable::store::Store;
-use gable::store::images::hexadecimal;
-use sha2::{Digest as _, Sha256};
+use gable::store::images::{hexadecimal, sha256_of};
 use tokio::process::Command;
 
 use super::{Settings, print};
@@ -198,7 +197,7 @@ async fn check(store: &Store, configuration: &Configuration) -> anyhow::Result<S
         if configuration.objects_url.is_none() {
             for image in page {
                 let file = store.image_file(&image.sha256).await?;
-                let right = tokio::task::spawn_blocking(move || sha256(&file)).await?;
+                let right = tokio::task::spawn_blocking(move || sha256_of(&std::fs::File::open(file)?)).await?;
                 if right.ok() != Some(image.sha256) {
                     bad.push(hexadecimal(&image.sha256));
                 }
@@ -210,23 +209,4 @@ async fn check(store: &Store, configuration: &Configuration) -> anyhow::Result<S
     }
     let orientations: i64 = query("SELECT count(*) FROM orientations").fetch_value(store.database()).await?;
     Ok(format!("{orientations} orientations, {images} images, all as they were"))
-}
-
-fn sha256(file: &Path) -> std::io::Result<[u8; 32]> {
-    let mut hash = Sha256::new();
-    std::io::copy(&mut std::fs::File::open(file)?, &mut HashWriter(&mut hash))?;
-    Ok(hash.finalize().into())
-}
-
-struct HashWriter<'a>(&'a mut Sha256);
-
-impl std::io::Write for HashWriter<'_> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.0.update(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
 }

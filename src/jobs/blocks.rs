@@ -9,24 +9,30 @@ use crate::store::blocks;
 use crate::store::orientations::{self, NewOrientation, Status};
 
 impl Jobs {
-    /// Accepts orientations, all or none, as a part of a transaction that has begun alone. Once that is complete,
-    /// [`Self::announce`] says so.
+    /// Accepts orientations, all or none, as a part of a transaction that has begun alone: how many are new. Once that is
+    /// complete, [`Self::announce`] says so.
     ///
     /// # Errors
     /// [`SubmitError`]; then the transaction is not to be completed.
-    pub async fn submit_all(&self, transaction: &mut Transaction, new: &[NewOrientation]) -> Result<(), SubmitError> {
+    pub async fn submit_all(
+        &self,
+        transaction: &mut Transaction,
+        new: &[NewOrientation],
+    ) -> Result<usize, SubmitError> {
         let waiting = orientations::queued(&mut *transaction).await? as usize;
         let queue_max = self.0.settings.queue_max;
-        if !new.is_empty() && waiting + new.len() > queue_max as usize {
-            return Err(SubmitError::QueueFull { queue_max });
-        }
+        let mut accepted = 0;
         for new in new {
             if let Some(turn) = orientations::insert(transaction, new).await? {
+                accepted += 1;
+                if waiting + accepted > queue_max as usize {
+                    return Err(SubmitError::QueueFull { queue_max });
+                }
                 self.0.queue.push(transaction, new.id, turn).await?;
             }
         }
-        self.0.gauge_queue(waiting + new.len());
-        Ok(())
+        self.0.gauge_queue(waiting + accepted);
+        Ok(accepted)
     }
 
     /// Says that there is something in the queue, after a transaction with [`Self::submit_all`].

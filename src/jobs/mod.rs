@@ -266,17 +266,10 @@ impl Jobs {
     /// [`SubmitError`]; then nothing was accepted.
     pub async fn submit(&self, new: &NewOrientation) -> Result<(), SubmitError> {
         let mut transaction = self.0.store.begin_write().await?;
-        let waiting = orientations::queued(&mut transaction).await?;
-        let queue_max = self.0.settings.queue_max;
         // the second try of a request that was accepted already is no new one
-        if let Some(turn) = orientations::insert(&mut transaction, new).await? {
-            if waiting >= queue_max {
-                return Err(SubmitError::QueueFull { queue_max });
-            }
-            self.0.queue.push(&mut transaction, new.id, turn).await?;
+        if self.submit_all(&mut transaction, std::slice::from_ref(new)).await? > 0 {
             transaction.commit().await.map_err(StoreError::from)?;
-            self.0.call_workers().await;
-            self.0.gauge_queue(waiting as usize + 1);
+            self.announce().await;
         }
         Ok(())
     }

@@ -19,7 +19,7 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
-use crate::database::{Database, Transaction, query};
+use crate::database::{Database, Dialects, Transaction, query};
 use crate::store::StoreError;
 use crate::store::orientations::Turn;
 
@@ -33,6 +33,17 @@ const MISSED_HEARTBEATS: usize = 5;
 const TURNS: i64 = 700_000_000;
 /// After the database failed, before it is tried again.
 const PAUSE_AFTER_FAILURE: Duration = Duration::from_secs(1);
+
+const DONE: Dialects = Dialects {
+    sqlite: "DELETE FROM Jobs WHERE status IN ('Done', 'Failed', 'Killed')",
+    postgres: "DELETE FROM apalis.jobs WHERE status IN ('Done', 'Failed', 'Killed')",
+};
+const SILENT: Dialects = Dialects {
+    sqlite: "DELETE FROM Workers WHERE last_seen < unixepoch() - 3600
+             AND NOT EXISTS (SELECT 1 FROM Jobs WHERE lock_by = Workers.id)",
+    postgres: "DELETE FROM apalis.workers w WHERE last_seen < now() - interval '1 hour'
+               AND NOT EXISTS (SELECT 1 FROM apalis.jobs WHERE lock_by = w.id)",
+};
 
 /// What is done with an orientation that is taken out of the queue. It answers for its own failures.
 #[derive(Clone)]
@@ -90,22 +101,9 @@ impl Queue {
 
     /// Forgets the tasks that are done, and the workers that have long been silent.
     pub(super) async fn forget_done(&self) -> Result<(), StoreError> {
-        let done = match self.database {
-            Database::Sqlite(_) => "DELETE FROM Jobs WHERE status IN ('Done', 'Failed', 'Killed')",
-            Database::Postgres(_) => "DELETE FROM apalis.jobs WHERE status IN ('Done', 'Failed', 'Killed')",
-        };
-        query(done).execute(&self.database).await?;
-        let silent = match self.database {
-            Database::Sqlite(_) => {
-                "DELETE FROM Workers WHERE last_seen < unixepoch() - 3600
-                 AND NOT EXISTS (SELECT 1 FROM Jobs WHERE lock_by = Workers.id)"
-            }
-            Database::Postgres(_) => {
-                "DELETE FROM apalis.workers w WHERE last_seen < now() - interval '1 hour'
-                 AND NOT EXISTS (SELECT 1 FROM apalis.jobs WHERE lock_by = w.id)"
-            }
-        };
-        query(silent).execute(&self.database).await?;
+        for forgotten in [DONE, SILENT] {
+            query(self.database.dialect(forgotten)).execute(&self.database).await?;
+        }
         Ok(())
     }
 

@@ -5,6 +5,7 @@
 
 use std::fmt::Write as _;
 use std::fs;
+use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -292,13 +293,7 @@ impl Store {
         if let Some(bucket) = &self.bucket {
             bucket.remove(sha256).await?;
         }
-        let path = self.image_path(sha256);
-        match tokio::fs::remove_file(&path).await {
-            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                Err(file_error("cannot remove", &path, source))
-            }
-            _ => Ok(()),
-        }
+        remove_if_there(&self.image_path(sha256)).await
     }
 
     fn image_path(&self, sha256: &[u8; 32]) -> PathBuf {
@@ -353,6 +348,29 @@ pub fn from_hexadecimal(text: &str) -> Option<Vec<u8>> {
     let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
     let hexadecimal = digits.iter().all(u8::is_ascii_hexdigit) && digits.len().is_multiple_of(2);
     hexadecimal.then(|| digits.chunks(2).map(byte).collect()).flatten()
+}
+
+/// The SHA-256 of a file, from its beginning.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn sha256_of(mut file: &fs::File) -> std::io::Result<[u8; 32]> {
+    file.seek(SeekFrom::Start(0))?;
+    let (mut hash, mut buffer) = (Sha256::new(), vec![0; 1 << 20]);
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok(hash.finalize().into()),
+            count => hash.update(&buffer[..count]),
+        }
+    }
+}
+
+/// Removes a file, if it is there.
+pub(super) async fn remove_if_there(path: &Path) -> Result<(), StoreError> {
+    match tokio::fs::remove_file(path).await {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => Err(file_error("cannot remove", path, source)),
+        _ => Ok(()),
+    }
 }
 
 fn is_unlocked(path: &Path) -> bool {

@@ -4,16 +4,15 @@
 //! in the file, from a process that has died, is cut off by the next writer.
 
 use std::fs::{File, TryLockError};
-use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom};
+use std::io::{ErrorKind, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, Utc};
-use sha2::{Digest as _, Sha256};
 use sqlx::FromRow;
 use tokio::io::AsyncWriteExt as _;
 use uuid::Uuid;
 
-use super::images::{INCOMING, Received, file_error, sync_folder};
+use super::images::{INCOMING, Received, file_error, remove_if_there, sha256_of, sync_folder};
 use super::{Store, StoreError, now};
 use crate::database::query;
 
@@ -117,21 +116,10 @@ impl Writer {
         let Self { file, path, upload, .. } = self;
         let failed = |source| file_error("cannot read", &path, source);
         let file = file.into_std().await;
-        let hash = move || hashed(&file).map(|sha256| (file, sha256));
+        let hash = move || sha256_of(&file).map(|sha256| (file, sha256));
         let hashed = tokio::task::spawn_blocking(hash).await.map_err(std::io::Error::other).map_err(failed)?;
         let (file, sha256) = hashed.map_err(failed)?;
         Ok(Received::of(tokio::fs::File::from_std(file), path, sha256, upload.length_bytes.unsigned_abs()))
-    }
-}
-
-fn hashed(mut file: &File) -> std::io::Result<[u8; 32]> {
-    file.seek(SeekFrom::Start(0))?;
-    let (mut hash, mut buffer) = (Sha256::new(), vec![0; 1 << 20]);
-    loop {
-        match file.read(&mut buffer)? {
-            0 => return Ok(hash.finalize().into()),
-            count => hash.update(&buffer[..count]),
-        }
     }
 }
 
@@ -218,11 +206,8 @@ impl Store {
     /// [`StoreError`].
     pub async fn remove_upload(&self, id: Uuid) -> Result<bool, StoreError> {
         let removed = query("DELETE FROM uploads WHERE id = $1").bind(id).execute(&self.database).await?;
-        let path = self.resumable_path(id);
-        match tokio::fs::remove_file(&path).await {
-            Err(source) if source.kind() != ErrorKind::NotFound => Err(file_error("cannot remove", &path, source)),
-            _ => Ok(removed == 1),
-        }
+        remove_if_there(&self.resumable_path(id)).await?;
+        Ok(removed == 1)
     }
 
     /// At most `limit` uploads that were to be given up before a time.
