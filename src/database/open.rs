@@ -119,6 +119,8 @@ impl Database {
             }
             Self::Postgres(pool) => {
                 let mut connection = pool.acquire().await?;
+                // another one's migration may take longer than other locks are waited for
+                sqlx::query("SET lock_timeout = 0").execute(&mut *connection).await?;
                 sqlx::query("SELECT pg_advisory_lock($1)").bind(MIGRATING).execute(&mut *connection).await?;
                 let done = async {
                     for extension in ["pgcrypto", "hstore"] {
@@ -130,6 +132,7 @@ impl Database {
                 }
                 .await;
                 sqlx::query("SELECT pg_advisory_unlock($1)").bind(MIGRATING).execute(&mut *connection).await?;
+                sqlx::query("RESET lock_timeout").execute(&mut *connection).await?;
                 return done;
             }
         }

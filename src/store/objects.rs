@@ -110,11 +110,13 @@ impl Bucket {
         Ok(copy)
     }
 
-    /// Whether it answers, by writing and reading a few bytes.
+    /// Whether it answers; the first time in its life also whether it can be written to.
     pub(super) async fn ping(&self) -> Result<(), StoreError> {
         let key = self.prefix.clone().join("ping");
-        self.store.put(&key, PutPayload::from_static(b"gable")).await?;
-        self.store.head(&key).await?;
+        if let Err(error) = self.store.head(&key).await {
+            let object_store::Error::NotFound { .. } = error else { return Err(error.into()) };
+            self.store.put(&key, PutPayload::from_static(b"gable")).await?;
+        }
         Ok(())
     }
 }
