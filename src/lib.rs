@@ -45,6 +45,8 @@ pub mod webhooks;
 
 pub mod configuration;
 
+pub mod web;
+
 pub mod http;
 
 pub mod service;

@@ -72,9 +72,11 @@ const ROOMS: &[Room] = &[
     ),
     Room("webhooks", &["store"]),
     Room("configuration", &["learning", "diagnosis", "imagery", "store", "webhooks"]),
+    Room("web", &[]),
     Room(
         "http",
         &[
+            "web",
             "geometry",
             "features",
             "scenes",

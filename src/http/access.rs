@@ -42,6 +42,17 @@ const ADMIN: Access = Access::AtLeast(Role::Admin);
 pub const ROUTES: &[(Method, &str, Access)] = &[
     (Method::GET, "/health/live", PUBLIC),
     (Method::GET, "/health/ready", PUBLIC),
+    // the pages hold nothing by themselves: all that they show comes from the API
+    (Method::GET, "/", PUBLIC),
+    (Method::GET, "/upload", PUBLIC),
+    (Method::GET, "/orientations/{id}", PUBLIC),
+    (Method::GET, "/control", PUBLIC),
+    (Method::GET, "/diagnosis", PUBLIC),
+    (Method::GET, "/diagnosis/{id}", PUBLIC),
+    (Method::GET, "/dashboard", PUBLIC),
+    (Method::GET, "/login", PUBLIC),
+    (Method::GET, "/help", PUBLIC),
+    (Method::GET, "/assets/{version}/{*path}", PUBLIC),
     (Method::GET, "/metrics", READER),
     (Method::GET, "/docs", PUBLIC),
     (Method::GET, "/docs/", PUBLIC),

@@ -87,7 +87,7 @@ pub fn document() -> utoipa::openapi::OpenApi {
 pub fn router(state: AppState) -> Result<Router, serde_json::Error> {
     let (routes, document) = api().split_for_parts();
     let document = openapi::Text(Arc::from(document.to_json()?));
-    Ok(furnished(routes.merge(openapi::pages()).layer(axum::Extension(document)), state))
+    Ok(furnished(routes.merge(openapi::pages()).merge(crate::web::routes()).layer(axum::Extension(document)), state))
 }
 
 /// What a service answers that only works: health and figures.

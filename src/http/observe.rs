@@ -9,8 +9,9 @@ use axum::response::Response;
 use tracing::Instrument as _;
 
 use super::request_id;
+use crate::web;
 
-/// For everything but the pages of `/docs`: nothing may be loaded or embedded.
+/// For everything but pages: nothing may be loaded or embedded.
 const POLICY: HeaderValue = HeaderValue::from_static("default-src 'none'; frame-ancestors 'none'");
 /// Swagger UI sets styles from its script.
 const POLICY_OF_DOCS: HeaderValue = HeaderValue::from_static(
@@ -51,7 +52,7 @@ pub async fn observe(State(Secure(secure)): State<Secure>, request: Request, nex
         response
     };
     let mut response = request_id::scope(id.clone(), work.instrument(span)).await;
-    add_headers(&mut response, &id, route.starts_with("/docs"));
+    add_headers(&mut response, &id, &route);
     if secure {
         response.headers_mut().insert(header::STRICT_TRANSPORT_SECURITY, TRANSPORT);
     }
@@ -72,7 +73,18 @@ fn method_label(method: &Method) -> &'static str {
     }
 }
 
-fn add_headers(response: &mut Response, id: &str, docs: bool) {
+/// What the browser may load for what is under a route.
+fn policy(route: &str) -> HeaderValue {
+    if route.starts_with("/docs") {
+        POLICY_OF_DOCS
+    } else if route == web::ASSETS || web::PAGES.contains(&route) {
+        web::POLICY
+    } else {
+        POLICY
+    }
+}
+
+fn add_headers(response: &mut Response, id: &str, route: &str) {
     let headers = response.headers_mut();
     if let Ok(id) = HeaderValue::from_str(id) {
         headers.insert(HeaderName::from_static(request_id::HEADER), id);
@@ -82,6 +94,6 @@ fn add_headers(response: &mut Response, id: &str, docs: bool) {
     headers.insert(HeaderName::from_static("cross-origin-resource-policy"), HeaderValue::from_static("same-origin"));
     headers.insert(HeaderName::from_static("permissions-policy"), PERMISSIONS);
     headers.insert(header::X_FRAME_OPTIONS, HeaderValue::from_static("DENY"));
-    headers.insert(header::CONTENT_SECURITY_POLICY, if docs { POLICY_OF_DOCS } else { POLICY });
+    headers.insert(header::CONTENT_SECURITY_POLICY, policy(route));
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
 }
