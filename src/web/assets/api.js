@@ -4,13 +4,15 @@ const BASE = '/api/v1';
 
 /** What the service answers when it does not do what it was asked for (RFC 9457). */
 export class Problem extends Error {
-  constructor(status, body) {
+  constructor(status, body, retryAfter_s) {
     super(body?.detail ?? body?.title ?? `HTTP ${status}`);
     this.status = status;
     this.title = body?.title;
     this.errors = body?.errors ?? [];
     this.id = body?.instance;
     this.body = body;
+    /** When it is worth while to ask again, if the service says so. */
+    this.retryAfter_s = retryAfter_s;
   }
 }
 
@@ -28,7 +30,8 @@ async function request(method, path, { query, body, headers = {}, signal, type }
   });
   const isJson = (response.headers.get('content-type') ?? '').includes('json');
   const answer = response.status === 204 ? null : isJson ? await response.json() : await response.text();
-  if (!response.ok) throw new Problem(response.status, isJson ? answer : { detail: answer });
+  const wait = Number.parseInt(response.headers.get('retry-after') ?? '', 10);
+  if (!response.ok) throw new Problem(response.status, isJson ? answer : { detail: answer }, Number.isNaN(wait) ? undefined : wait);
   return answer;
 }
 

@@ -40,7 +40,10 @@ export default {
     not_determined: 'Das Gefundene bestimmt keine Orientierung',
   },
   failure: {
-    image_unreadable: 'Das Bild ist nicht lesbar',
+    image_unusable: 'Das Bild ist nicht verwendbar',
+    output_crs: 'Das Koordinatensystem des Ergebnisses passt hier nicht',
+    missing: 'Etwas, das gebraucht wird, fehlt',
+    classifier_unreadable: 'Der Klassifikator ist nicht lesbar',
     timeout: 'Es hat länger gedauert als erlaubt',
     internal: 'Ein Fehler des Dienstes',
     given_up: 'Nach mehreren Versuchen aufgegeben',

@@ -40,7 +40,10 @@ export default {
     not_determined: 'What was found determines no orientation',
   },
   failure: {
-    image_unreadable: 'The image cannot be read',
+    image_unusable: 'The image cannot be used',
+    output_crs: 'The CRS of the result does not fit here',
+    missing: 'Something that it needs is gone',
+    classifier_unreadable: 'The classifier cannot be read',
     timeout: 'It took longer than it may',
     internal: 'A fault of the service',
     given_up: 'Given up after several attempts',
