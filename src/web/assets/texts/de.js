@@ -63,7 +63,7 @@ export default {
     reasons: 'Warum', probably_wrong: 'Vermutlich falsch', probably_right: 'Vermutlich richtig', features: 'Was beurteilt wurde',
     feature_control_points: 'Gefundene Passpunkte', feature_eliminated: 'Davon verworfen', feature_log_sigma0: 'log Sigma0', feature_log_configuration: 'log Konfiguration',
     accept: 'Annehmen', reject: 'Ablehnen', correct: 'Von Hand verbessern', why: 'Begründung', only_operators: 'Nur Bearbeiter entscheiden und verbessern.',
-    noted_accepted: 'Angenommen', noted_rejected: 'Abgelehnt', reviews: 'Entscheidungen', no_reviews: 'Noch hat niemand entschieden.',
+    reviews: 'Entscheidungen', no_reviews: 'Noch hat niemand entschieden.',
     decided_accepted: 'Angenommen', decided_rejected: 'Abgelehnt', look: 'Verbesserung ansehen', look_end: 'Zurück zum Gefundenen',
     was_off: '{name} abgeschaltet', was_moved: '{name} auf {x}, {y} px gesetzt',
     exterior: 'Äußere Orientierung', parameter: 'Parameter', value: 'Wert', sigma: 'Standardabw.', crs: 'Bezugssystem', frame: 'Achsen der Winkel', rotation: 'Drehmatrix',
@@ -99,6 +99,7 @@ export default {
     correcting: 'Verbessern von Hand', becomes: 'wird', centre_moved: 'Zentrum verschoben um', largest_sigma: 'Größtes Sigma am Boden', undo: 'Rückgängig', redo: 'Wiederholen', reset: 'Zurücksetzen', stop: 'Verlassen', save: 'Speichern',
     save_as: 'Gespeichert unter dem Namen {who}.', saved: 'Verbesserung gespeichert', trial_first: 'Die Linien des Bildes werden ausgewertet, nur dieses Mal …', trial_busy: 'Wird ausgeglichen …', trial_none: 'Passpunkte abschalten oder dorthin ziehen, wo sie sind.',
     trial_done: '{off} aus, {moved} verschoben · {seconds}', put: 'Setzen', put_back: 'Zurücksetzen', drag_hint: 'Am Anfasser im Bild ziehen oder eintippen, wo sein Bezugspunkt liegt (px).',
+    keys_step: 'Nächste, vorige Orientierung der Liste', keys_undo: 'Rückgängig, wiederholen beim Verbessern',
   },
   keys: { title: 'Tasten', single: 'Tasten aus einem Zeichen sind eingeschaltet' },
   review: {

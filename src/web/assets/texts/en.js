@@ -63,7 +63,7 @@ export default {
     reasons: 'Why', probably_wrong: 'Probably wrong', probably_right: 'Probably right', features: 'What was judged',
     feature_control_points: 'Control points located', feature_eliminated: 'Eliminated', feature_log_sigma0: 'log sigma0', feature_log_configuration: 'log configuration',
     accept: 'Accept', reject: 'Reject', correct: 'Correct by hand', why: 'Why', only_operators: 'Only operators decide and correct.',
-    noted_accepted: 'Accepted', noted_rejected: 'Rejected', reviews: 'Decisions', no_reviews: 'Nobody has decided yet.',
+    reviews: 'Decisions', no_reviews: 'Nobody has decided yet.',
     decided_accepted: 'Accepted', decided_rejected: 'Rejected', look: 'Look at the correction', look_end: 'Back to what was found',
     was_off: '{name} switched off', was_moved: '{name} put at {x}, {y} px',
     exterior: 'Exterior orientation', parameter: 'Parameter', value: 'Value', sigma: 'Std. deviation', crs: 'CRS', frame: 'Axes of the angles', rotation: 'Rotation matrix',
@@ -99,6 +99,7 @@ export default {
     correcting: 'Correcting by hand', becomes: 'becomes', centre_moved: 'Centre moved by', largest_sigma: 'Largest ground sigma', undo: 'Undo', redo: 'Redo', reset: 'Reset', stop: 'Leave', save: 'Save',
     save_as: 'Saved under the name {who}.', saved: 'Correction saved', trial_first: 'The lines of the image are extracted, only this time …', trial_busy: 'Adjusting …', trial_none: 'Switch control points off or drag them to where they are.',
     trial_done: '{off} off, {moved} moved · {seconds}', put: 'Put there', put_back: 'Put back', drag_hint: 'Drag its handle in the image, or type where its reference point is (px).',
+    keys_step: 'Next, previous orientation of the list', keys_undo: 'Undo, redo while correcting',
   },
   keys: { title: 'Keys', single: 'Keys of a single character are on' },
   review: {
