@@ -1,8 +1,9 @@
 // The map of an orientation: what the image covers, where the camera stood, where the control lies. There is no
 // background, as these pages work without any network: a graticule and a scale stand for it.
 
-import { CircleStyle, controls, Fill, GeoJSON, Graticule, interactions, Map as OlMap, RegularShape, ScaleLine, Stroke, Style, Text, VectorLayer, VectorSource, View, isEmpty } from '../../vendor/ol.js';
+import { CircleStyle, controls, Fill, GeoJSON, interactions, Map as OlMap, RegularShape, ScaleLine, Stroke, Style, VectorLayer, VectorSource, View, isEmpty } from '../../vendor/ol.js';
 import { colour, onTheme } from '../../parts/colours.js';
+import { graticule } from '../../parts/graticule.js';
 import { DASHES } from '../../parts/viewer/styles.js';
 import { t } from '../../texts.js';
 
@@ -36,17 +37,6 @@ function styleOf(made, selected) {
     }
     return made.get(key);
   };
-}
-
-/** A grid of longitudes and latitudes in the colours of the theme. */
-export function graticule() {
-  const letters = () => new Text({ font: '11px system-ui, sans-serif', fill: new Fill({ color: colour('ink-quiet') }), stroke: new Stroke({ color: colour('surface'), width: 3 }), textBaseline: 'bottom', textAlign: 'start' });
-  return new Graticule({
-    strokeStyle: new Stroke({ color: colour('line'), width: 1 }), showLabels: true, wrapX: false, targetSize: 110,
-    lonLabelStyle: letters(), latLabelStyle: new Text({ ...{ font: '11px system-ui, sans-serif', textBaseline: 'bottom', textAlign: 'end' }, fill: new Fill({ color: colour('ink-quiet') }), stroke: new Stroke({ color: colour('surface'), width: 3 }) }),
-    intervals: [1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002, 0.0001, 0.00005, 0.00002, 0.00001],
-    lonLabelFormatter: (longitude) => `${longitude.toFixed(5)}°`, latLabelFormatter: (latitude) => `${latitude.toFixed(5)}°`,
-  });
 }
 
 /** A map in `target`; `choose(name)` is called for a click on a control point. */
