@@ -21,8 +21,8 @@ const FLAGS = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-ru
   '--disable-component-update', '--disable-sync'];
 const WCAG = ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa'];
 
-const shared = process.env.GABLE_E2E ?? mkdtempSync(join(tmpdir(), 'gable-e2e-'));
-if (!process.env.GABLE_E2E) process.on('exit', () => rmSync(shared, { recursive: true, force: true }));
+const shared = process.env.E2E_FOLDER ?? mkdtempSync(join(tmpdir(), 'gable-e2e-'));
+if (!process.env.E2E_FOLDER) process.on('exit', () => rmSync(shared, { recursive: true, force: true }));
 
 /** The simulated scene: `photograph` (bytes of its PNG), `camera`, `approximation`, `frame` (CRS), `control`, `truth`. */
 export function scene() {
@@ -98,6 +98,12 @@ async function started(data, environment) {
   }, 'the service is ready');
   const stop = async () => { child.kill('SIGTERM'); await ended; };
   return { url, data, api, stop, log: () => log };
+}
+
+/** Whether the service has a route, as its contract says; tests of pages that are ahead of it skip or fake it. */
+export async function knows(service, method, path) {
+  const contract = await service.api('GET', '/openapi.json');
+  return method.toLowerCase() in (contract.paths[`/api/v1${path}`] ?? {});
 }
 
 /** Orients the picture of `scene()` under another name; `request` changes what is asked for. Gives its orientation. */

@@ -175,6 +175,8 @@ class Queue {
     if (!items.length) return;
     const wanted = Math.max(0, Math.min(items.length - 1, index));
     this.#current = items[wanted].id;
+    // rows that have just come in must have their room before one can be scrolled to
+    this.#draw();
     const scroller = this.#scroller.value;
     const head = scroller.querySelector('.head').offsetHeight;
     const [top, room] = [wanted * ROW_PX, scroller.clientHeight - head];

@@ -61,7 +61,7 @@ function dropZone(some) {
   const out = (event) => event.currentTarget.classList.remove('over');
   const drop = (event) => { out(event); event.preventDefault(); work.add(event.dataTransfer.files); };
   const chosen = (event) => { work.add(event.target.files); event.target.value = ''; };
-  return html`<div class="drop" @dragover=${over} @dragleave=${out} @drop=${drop}>
+  return html`<div class="drop-zone" @dragover=${over} @dragleave=${out} @drop=${drop}>
     <label class="drop-label"><span class="drop-button">${t('upload.choose')}</span>
       <input type="file" multiple accept="image/jpeg,image/tiff,image/png,.csv,.tsv,.txt,.geojson,.json" @change=${chosen}></label>
     <span>${t('upload.drop')}</span>

@@ -52,7 +52,7 @@ function review(item, { mayDecide, decided, isCurrent }) {
   const button = (decision, sign) => html`<button type="button" class="quiet sign ${decision}" tabindex=${isCurrent ? 0 : -1}
     aria-label=${t(`queue.${decision}_button`, { name: nameOf(item) })} title=${t(`queue.${decision}_hint`)}
     @click=${() => decided(item, decision)}>${sign}</button>`;
-  return html`<span class="decide">${button('accepted', '✓')}${button('rejected', '✕')}</span>`;
+  return html`<span class="row-decide">${button('accepted', '✓')}${button('rejected', '✕')}</span>`;
 }
 
 // a picture that was in view once is kept by the browser; while somebody scrolls fast no others are asked for
