@@ -23,7 +23,7 @@ use crate::imagery::{self, ImageFile, ImageryError, Limits};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{ControlKind, ControlPointResult, Fault, FilmOutcome, Observer, Outcome, orient_film};
 use crate::report::interior::InteriorResult;
-use crate::report::overlay::Drawing;
+use crate::report::drawing::Drawing;
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
 use crate::store::images::INCOMING;
@@ -132,15 +132,26 @@ pub fn oriented(
             (outcome, Some(InteriorResult::of(&interior, &camera.plate, picture.size_px())))
         }
     };
+    told(&outcome, interior, control, (prepared, work))
+}
+
+/// What is told of an outcome, and kept.
+pub(super) fn told(
+    outcome: &Outcome,
+    interior: Option<InteriorResult>,
+    control: &[ControlPoint],
+    (prepared, work): (&Prepared, &Work),
+) -> Result<Oriented, AttemptError> {
     let (approximation, warnings) = (prepared.approximation.clone(), prepared.warnings.clone());
     let mut result =
-        report::result(&outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
+        report::result(outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
     result.interior_orientation = interior;
     let accepted = outcome.diagnosis.verdict == Verdict::Green;
     // of buildings only: a scene may have the name of one
     let buildings = outcome.control_points.iter().filter(|point| point.kind == ControlKind::Lines);
     let sightings = buildings.filter(|_| accepted).map(sighting).collect();
-    Ok(Oriented { result, drawing: Drawing::of(&outcome), record: Record::of(&outcome), sightings })
+    let drawing = Drawing::of(outcome, control, &work.frame)?;
+    Ok(Oriented { result, drawing, record: Record::of(outcome), sightings })
 }
 
 fn of_digital(
@@ -151,12 +162,17 @@ fn of_digital(
     camera: &Camera,
     observer: &dyn Observer,
 ) -> Result<Outcome, AttemptError> {
-    if picture.size_px() != [camera.width_px, camera.height_px] {
-        let [width, height] = picture.size_px();
-        let detail = format!("the picture has {width} x {height} px, which is not what its header says");
-        return Err(PictureError { detail }.into());
-    }
+    check_size(picture, camera)?;
     Ok(orient(picture, control, &work.task(*camera), observer)?)
+}
+
+pub(super) fn check_size(picture: &ImageFile, camera: &Camera) -> Result<(), PictureError> {
+    let [width, height] = picture.size_px();
+    if [width, height] == [camera.width_px, camera.height_px] {
+        return Ok(());
+    }
+    let detail = format!("the picture has {width} x {height} px, which is not what its header says");
+    Err(PictureError { detail })
 }
 
 /// All that is kept of an oriented image.
@@ -183,11 +199,11 @@ fn sighting(point: &ControlPointResult) -> (String, Sighting) {
 }
 
 /// All that an attempt needs from the database.
-struct Loaded {
-    path: PathBuf,
-    prepared: Prepared,
-    work: Work,
-    control: ControlNear,
+pub(super) struct Loaded {
+    pub(super) path: PathBuf,
+    pub(super) prepared: Prepared,
+    pub(super) work: Work,
+    pub(super) control: ControlNear,
 }
 
 /// What is written to the row at the end of an attempt.
@@ -307,7 +323,7 @@ impl Inner {
         })
     }
 
-    async fn load(&self, orientation: &Orientation) -> Result<Loaded, AttemptError> {
+    pub(super) async fn load(&self, orientation: &Orientation) -> Result<Loaded, AttemptError> {
         let image = self.store.image(orientation.image_id).await?.ok_or(AttemptError::Missing { what: "image" })?;
         let camera = camera_model(&self.store, &orientation.camera_id.to_string()).await?;
         let camera = camera.ok_or(AttemptError::Missing { what: "camera" })?;

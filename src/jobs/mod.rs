@@ -10,6 +10,7 @@ mod attempt;
 mod blocks;
 pub mod camera_model;
 pub mod crew;
+pub mod desks;
 pub mod drift;
 mod feed;
 pub mod film_camera;
@@ -39,13 +40,15 @@ pub use attempt::{AttemptError, Oriented, oriented};
 pub use feed::Change;
 
 use active::ActiveClassifier;
+use desks::Desks;
 
 use crate::control::near::Reach;
 use crate::features::Picture;
 use crate::imagery::{ImageFile, Limits};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{Fault, Observer, Outcome, Task};
-use crate::report::overlay::{self, Drawing};
+use crate::report::drawing::Drawing;
+use crate::report::overlay;
 use crate::store::orientations::{self, Abandoned, NewOrientation, Orientation, Status};
 use crate::store::{Store, StoreError};
 use feed::{Teller, Told};
@@ -116,6 +119,7 @@ struct Inner {
     running: Mutex<HashMap<Uuid, Arc<Signal>>>,
     stopping: CancellationToken,
     drawing: Arc<Semaphore>,
+    desks: Desks,
     active: ActiveClassifier,
     to_train: Notify,
 }
@@ -156,6 +160,7 @@ impl Jobs {
             running: Mutex::default(),
             stopping: CancellationToken::new(),
             drawing: Arc::new(Semaphore::new(settings.workers.max(1))),
+            desks: Desks::default(),
             settings,
             orient,
             active: ActiveClassifier::default(),

@@ -89,6 +89,7 @@ fn outcome(task: &Task) -> Outcome {
         evidence: None,
         trials: vec![],
         ground_height_m: None,
+        footprint_m: Vec::new(),
         pairs: vec![],
         estimate: Some(Estimate {
             orientation: task.approximation.orientation,
