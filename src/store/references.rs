@@ -207,7 +207,7 @@ pub(crate) mod tests {
     use crate::database::Database;
     use crate::geometry::{Brown, Camera};
     use crate::store::images::Header;
-    use crate::store::orientations::{self, Claim, Finished, NewOrientation, Priority};
+    use crate::store::orientations::{self, Claim, DiagnosisInShort, Finished, NewOrientation, Priority};
     use crate::store::sightings::Sighting;
 
     /// A fresh data folder with a camera.
@@ -228,11 +228,16 @@ pub(crate) mod tests {
         }
 
         pub(in crate::store) async fn image(&self) -> Uuid {
+            self.image_named(None).await
+        }
+
+        pub(in crate::store) async fn image_named(&self, name: Option<&str>) -> Uuid {
             let mut upload = self.store.begin_upload().unwrap();
             let id = Uuid::now_v7();
             upload.write(id.as_bytes()).await.unwrap();
-            let header = Header { format: "png".into(), width_px: 60, height_px: 40, position: None };
-            self.store.keep_image(id, upload.complete().await.unwrap(), &header).await.unwrap().0.id
+            let header =
+                Header { format: "png".into(), width_px: 60, height_px: 40, position: None, camera_model: None };
+            self.store.keep_image(id, upload.complete().await.unwrap(), &header, name).await.unwrap().0.id
         }
 
         /// An orientation that waits.
@@ -270,6 +275,7 @@ pub(crate) mod tests {
     pub(in crate::store) fn finished(record: &str, sightings: &[(&str, Sighting)]) -> Finished {
         Finished {
             verdict: "green".into(),
+            diagnosis: DiagnosisInShort::default(),
             result: "{}".into(),
             drawing: "{}".into(),
             record: record.into(),
