@@ -111,6 +111,7 @@ pub const ROUTES: &[(Method, &str, Access)] = &[
     (Method::GET, "/api/v1/interior-orientations/{id}/marks/{name}", READER),
     (Method::GET, "/api/v1/orientations", READER),
     (Method::POST, "/api/v1/orientations", OPERATOR),
+    (Method::GET, "/api/v1/orientations/events", READER),
     (Method::GET, "/api/v1/orientations/{id}", READER),
     (Method::DELETE, "/api/v1/orientations/{id}", OPERATOR),
     (Method::GET, "/api/v1/orientations/{id}/events", READER),

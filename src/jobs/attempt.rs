@@ -24,10 +24,13 @@ use crate::orientation::ControlPoint;
 use crate::pipeline::{ControlKind, ControlPointResult, Fault, FilmOutcome, Observer, Outcome, orient_film};
 use crate::report::interior::InteriorResult;
 use crate::report::drawing::Drawing;
+use crate::report::result::{DiagnosisReport, ReasonReport};
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
 use crate::store::images::INCOMING;
-use crate::store::orientations::{self, Claim, Failure, Finished, Orientation, Status};
+use crate::store::orientations::{
+    self, Claim, DiagnosisInShort, Failure, Finished, Orientation, ReasonInShort, Status,
+};
 use crate::store::sightings::Sighting;
 
 /// How often the progress of an attempt is written to its row.
@@ -198,6 +201,17 @@ fn sighting(point: &ControlPointResult) -> (String, Sighting) {
     (point.name.clone(), sighting)
 }
 
+/// What lists show of a diagnosis.
+fn in_short(diagnosis: &DiagnosisReport) -> DiagnosisInShort {
+    let DiagnosisReport { score, probability_correct, reasons, .. } = diagnosis;
+    let reason = |reason: &ReasonReport| ReasonInShort { code: reason.code.to_owned(), detail: reason.detail.clone() };
+    DiagnosisInShort {
+        score: *score,
+        probability_correct: *probability_correct,
+        reasons: reasons.iter().map(reason).collect(),
+    }
+}
+
 /// All that an attempt needs from the database.
 pub(super) struct Loaded {
     pub(super) path: PathBuf,
@@ -253,7 +267,7 @@ impl Inner {
         let ending = if orientation.attempts > self.settings.max_attempts {
             self.too_often(orientation.fate.as_deref())
         } else {
-            let begun = Change { id, status: Status::Running, stage: None, progress: 0.0 };
+            let begun = Change::to(id, Status::Running);
             self.teller.tell(Told::Change(begun.clone()));
             self.tell_others(&begun).await;
             let began = Instant::now();
@@ -318,6 +332,7 @@ impl Inner {
             record: serde_json::to_string(&record)?,
             sightings,
             verdict: result.diagnosis.verdict.to_owned(),
+            diagnosis: in_short(&result.diagnosis),
             result: serde_json::to_string(&result)?,
             drawing: serde_json::to_string(&drawing)?,
         })
@@ -344,8 +359,8 @@ impl Inner {
                 kept = Instant::now();
                 let (stage, fraction) = *noted.borrow_and_update();
                 let held = self.store.note_progress(claim, stage, fraction).await;
-                let stage = Some(stage.into());
-                self.tell_others(&Change { id: claim.id, status: Status::Running, stage, progress: fraction }).await;
+                let change = Change::to(claim.id, Status::Running);
+                self.tell_others(&Change { stage: Some(stage.into()), progress: fraction, ..change }).await;
                 held
             } else {
                 self.store.holds(claim).await

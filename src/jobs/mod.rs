@@ -274,7 +274,7 @@ impl Jobs {
         // the second try of a request that was accepted already is no new one
         if self.submit_all(&mut transaction, std::slice::from_ref(new)).await? > 0 {
             transaction.commit().await.map_err(StoreError::from)?;
-            self.announce().await;
+            self.announce(std::slice::from_ref(new)).await;
         }
         Ok(())
     }
@@ -381,9 +381,10 @@ impl Inner {
     }
 
     async fn ended(&self, id: Uuid, status: Status, verdict: Option<&str>) {
-        let change = Change { id, status, stage: None, progress: 1.0 };
+        let verdict = verdict.map(str::to_owned);
+        let change = Change { verdict: verdict.clone(), ..Change::to(id, status) };
         self.teller.tell(Told::Change(change.clone()));
-        self.teller.tell(Told::Ended { status, verdict: verdict.map(str::to_owned) });
+        self.teller.tell(Told::Ended { status, verdict });
         self.tell_others(&change).await;
     }
 

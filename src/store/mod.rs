@@ -20,6 +20,7 @@ pub mod orientations;
 pub mod passwords;
 pub mod recent;
 pub mod references;
+pub mod reviews;
 pub mod removal;
 pub mod sightings;
 pub mod uploads;

@@ -41,7 +41,10 @@ pub(super) struct TiffWindows {
 /// Size, bits of a sample and what is known of the orientation.
 pub(super) fn read_header(file: BufReader<File>, limits: &Limits) -> Result<([u32; 2], u8, Clues), ImageryError> {
     let (mut decoder, layout) = start(file, limits)?;
-    let clues = Clues { pixel_size_um: resolution::pixel_size_um(&mut decoder), ..gps::clues(&mut decoder) };
+    let mut text = |tag| decoder.find_tag(tag).ok().flatten().and_then(|value| value.into_string().ok());
+    let camera_model = exif::camera_model(text(Tag::Make).as_deref(), text(Tag::Model).as_deref());
+    let pixel_size_um = resolution::pixel_size_um(&mut decoder);
+    let clues = Clues { camera_model, pixel_size_um, ..gps::clues(&mut decoder) };
     let xmp = decoder.find_tag(Tag::Unknown(700)).ok().flatten().and_then(|value| value.into_u8_vec().ok());
     Ok((layout.size_px, layout.bits, exif::with_xmp(clues, xmp.as_deref())))
 }

@@ -37,8 +37,14 @@ impl Bench {
         store.add_camera(camera_id, "camera", &camera).await.unwrap();
         let mut upload = store.begin_upload().unwrap();
         upload.write(b"an image").await.unwrap();
-        let header = Header { format: "png".into(), width_px: SIZE_PX[0], height_px: SIZE_PX[1], position: None };
-        store.keep_image(image_id, upload.complete().await.unwrap(), &header).await.unwrap();
+        let header = Header {
+            format: "png".into(),
+            width_px: SIZE_PX[0],
+            height_px: SIZE_PX[1],
+            position: None,
+            camera_model: None,
+        };
+        store.keep_image(image_id, upload.complete().await.unwrap(), &header, None).await.unwrap();
         Self { store, camera, camera_id, image_id, _folder: folder }
     }
 
