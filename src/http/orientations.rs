@@ -2,9 +2,12 @@
 
 mod all_events;
 mod answer;
+mod drawing;
 mod events;
 mod list;
 mod overlay;
+mod reviews;
+mod trials;
 
 use std::time::{Duration, Instant};
 
@@ -43,6 +46,11 @@ pub fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(all_events::events))
         .routes(routes!(events::events))
         .routes(routes!(overlay::overlay))
+        .routes(routes!(drawing::drawing))
+        .routes(routes!(drawing::map))
+        .routes(routes!(trials::attempt))
+        .routes(routes!(trials::window))
+        .routes(routes!(reviews::create, reviews::list))
 }
 
 /// Orient an image

@@ -22,8 +22,8 @@ use crate::geometry::{Camera, CrsError};
 use crate::imagery::{self, ImageFile, ImageryError, Limits};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{ControlKind, ControlPointResult, Fault, FilmOutcome, Observer, Outcome, orient_film};
-use crate::report::interior::InteriorResult;
 use crate::report::drawing::Drawing;
+use crate::report::interior::InteriorResult;
 use crate::report::result::{DiagnosisReport, ReasonReport};
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
@@ -146,8 +146,7 @@ pub(super) fn told(
     (prepared, work): (&Prepared, &Work),
 ) -> Result<Oriented, AttemptError> {
     let (approximation, warnings) = (prepared.approximation.clone(), prepared.warnings.clone());
-    let mut result =
-        report::result(outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
+    let mut result = report::result(outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
     result.interior_orientation = interior;
     let accepted = outcome.diagnosis.verdict == Verdict::Green;
     // of buildings only: a scene may have the name of one

@@ -144,7 +144,11 @@ impl<'a> Desk<'a> {
         Ok(Some(Neighbourhood {
             rect,
             predicted_px: in_file(around.predicted_px),
-            edges_px: around.edges_px.iter().map(|e| Segment2 { start: in_file(e.start), end: in_file(e.end) }).collect(),
+            edges_px: around
+                .edges_px
+                .iter()
+                .map(|e| Segment2 { start: in_file(e.start), end: in_file(e.end) })
+                .collect(),
             segments_px,
             accumulator,
         }))
@@ -203,15 +207,14 @@ fn from_places(search: &Search, found: Option<ExteriorOrientation>) -> Option<Pr
     const HEADINGS: usize = 12;
     let places = &search.by_hand.places;
     let approximate = search.approximation.orientation;
-    let observations: Vec<PointObservation> = places
-        .iter()
-        .map(|(k, at_px)| search.observation(*k, *at_px, SIGMA_BY_HAND_PX, &approximate))
-        .collect();
+    let observations: Vec<PointObservation> =
+        places.iter().map(|(k, at_px)| search.observation(*k, *at_px, SIGMA_BY_HAND_PX, &approximate)).collect();
     if observations.is_empty() {
         return None;
     }
     let turned = (0..HEADINGS).map(|step| {
-        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU * step as f64 / HEADINGS as f64);
+        let turn =
+            Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU * step as f64 / HEADINGS as f64);
         ExteriorOrientation { camera_from_object: turn * approximate.camera_from_object, ..approximate }
     });
     let fits = turned.chain(found).filter_map(|start| {

@@ -101,7 +101,8 @@ impl Sheet<'_> {
         let centre = feature("projection_centre", geometry, json!({"sigma_m": sigma_m}));
         let planimetric: Matrix2<f64> = estimate.covariance.fixed_view::<2, 2>(0, 0).into_owned();
         let ellipse = Ellipse::of_covariance(centre_m.xy(), &planimetric, ELLIPSE_SIGMAS);
-        let ellipse = ellipse.and_then(|ellipse| self.error_ellipse(&ellipse, centre_m.z, extent_m(&outcome.footprint_m)));
+        let ellipse =
+            ellipse.and_then(|ellipse| self.error_ellipse(&ellipse, centre_m.z, extent_m(&outcome.footprint_m)));
         ellipse.into_iter().chain([centre]).collect()
     }
 

@@ -9,7 +9,7 @@ mod lettering;
 use image::{ImageEncoder as _, RgbImage};
 use nalgebra::Vector2;
 
-use super::drawing::{DrawnPoint, Drawing};
+use super::drawing::{Drawing, DrawnPoint};
 use crate::features::{Picture, PictureError, PixelRect};
 use canvas::{Canvas, Colour};
 
