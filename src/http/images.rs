@@ -1,6 +1,7 @@
 //! Images, streamed to disk.
 
 pub(super) mod name;
+mod pictures;
 
 use axum::body::Body;
 use axum::extract::multipart::{Field, MultipartError};
@@ -33,7 +34,13 @@ const MEDIA_TYPES: &str = "image/jpeg, image/png, image/tiff, or multipart/form-
 pub fn routes() -> OpenApiRouter<AppState> {
     // the upload counts its bytes itself, as they come
     let upload = OpenApiRouter::new().routes(routes!(upload)).layer(DefaultBodyLimit::disable());
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read, remove)).merge(upload)
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(read, remove))
+        .routes(routes!(pictures::tile))
+        .routes(routes!(pictures::thumbnail))
+        .routes(routes!(pictures::window))
+        .merge(upload)
 }
 
 /// An image.
@@ -353,8 +360,10 @@ fn refuse_part(part: &Field<'_>, file_was_found: bool) -> Result<(), Problem> {
 
 async fn probe(received: Received, declared: Option<Format>, limits: Limits) -> Result<(Received, Header), Problem> {
     let read = move || imagery::probe(received.path(), &limits).map(|probe| (received, probe));
-    let (received, probe) =
-        tokio::task::spawn_blocking(read).await.map_err(|error| Problem::internal(&error))?.map_err(imagery_problem)?;
+    let (received, probe) = tokio::task::spawn_blocking(read)
+        .await
+        .map_err(|error| Problem::internal(&error))?
+        .map_err(|error| imagery_problem(&error))?;
     if let Some(declared) = declared.filter(|declared| *declared != probe.format) {
         let detail = format!("The type says {}, but the content is a {}.", declared.name(), probe.format.name());
         return Err(Problem::unsupported_type(detail));
@@ -373,9 +382,9 @@ async fn probe(received: Received, declared: Option<Format>, limits: Limits) -> 
     Ok((received, header))
 }
 
-pub(super) fn imagery_problem(error: ImageryError) -> Problem {
+pub(super) fn imagery_problem(error: &ImageryError) -> Problem {
     match error {
-        ImageryError::Read { source } => Problem::internal(&source),
+        ImageryError::Read { source } => Problem::internal(source),
         ImageryError::UnknownFormat { .. } => Problem::unsupported_type(error.to_string()),
         // the configuration has the same names, with a prefix
         ImageryError::OverLimit { what, found, limit, setting } => {
@@ -424,7 +433,7 @@ async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axu
 
 /// Remove an image
 ///
-/// Its file is gone then, and with it its overlays; orientations keep their results. The same bytes uploaded again bring
+/// Its file is gone then, and with it all pictures of it; orientations keep their results. The same bytes uploaded again bring
 /// it back under the same id.
 #[utoipa::path(
     delete, path = "/images/{id}", operation_id = "remove_image", tag = "images",
@@ -437,8 +446,12 @@ async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axu
     ),
 )]
 async fn remove(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<StatusCode, Problem> {
+    let image = state.store.image(id).await?;
     match state.store.remove_image(id).await? {
-        Removal::Done => Ok(StatusCode::NO_CONTENT),
+        Removal::Done => {
+            image.iter().for_each(|image| state.pictures.forget(&image.sha256));
+            Ok(StatusCode::NO_CONTENT)
+        }
         Removal::Missing => Err(Problem::not_found("There is no image with this id.")),
         Removal::InUse => {
             Err(Problem::conflict("An orientation of this image waits or runs; cancel it, or wait for its end."))

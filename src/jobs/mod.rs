@@ -15,6 +15,7 @@ pub mod drift;
 mod feed;
 pub mod film_camera;
 pub mod interior;
+pub mod pictures;
 mod queue;
 pub mod request;
 pub mod retention;

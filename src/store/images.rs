@@ -15,7 +15,7 @@ use sqlx::FromRow;
 use tokio::io::AsyncWriteExt as _;
 use uuid::Uuid;
 
-use super::{Store, StoreError, now};
+use super::{Store, StoreError, now, overviews};
 use crate::database::query;
 
 pub(super) const FOLDER: &str = "images";
@@ -310,9 +310,10 @@ impl Store {
         }
     }
 
-    /// Removes the file of an image, with an object store its object and the copy of it that is here; nothing if it is
-    /// not there.
+    /// Removes the file of an image, with an object store its object and the copy of it that is here, and its small
+    /// pictures; nothing if it is not there.
     pub(super) async fn remove_image_file(&self, sha256: &[u8; 32]) -> Result<(), StoreError> {
+        self.remove_small(sha256).await?;
         if let Some(bucket) = &self.bucket {
             bucket.remove(sha256).await?;
         }
@@ -334,11 +335,14 @@ impl Store {
             removed += usize::from(!living && fs::remove_file(&path).is_ok());
         }
         for path in files_of(&self.folder.join(FOLDER))? {
-            let old = fs::metadata(&path)
-                .and_then(|facts| facts.modified())
-                .is_ok_and(|time| time.elapsed().is_ok_and(|age| age > FILE_WITHOUT_ROW_KEPT));
             // with an object store they are copies, which make room by themselves
-            if old && self.bucket.is_none() && !self.has_row(&path).await? {
+            if is_old(&path) && self.bucket.is_none() && !self.has_row(&path).await? {
+                removed += usize::from(fs::remove_file(&path).is_ok());
+            }
+        }
+        // another machine may have removed the image
+        for path in files_of(&self.folder.join(overviews::FOLDER))? {
+            if is_old(&path) && !self.has_row(Path::new(&overviews::digits_of(&path))).await? {
                 removed += usize::from(fs::remove_file(&path).is_ok());
             }
         }
@@ -394,6 +398,12 @@ pub(super) async fn remove_if_there(path: &Path) -> Result<(), StoreError> {
         Err(source) if source.kind() != std::io::ErrorKind::NotFound => Err(file_error("cannot remove", path, source)),
         _ => Ok(()),
     }
+}
+
+/// Whether a file is older than any upload or drawing that is just coming to its end.
+fn is_old(path: &Path) -> bool {
+    let modified = fs::metadata(path).and_then(|facts| facts.modified());
+    modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > FILE_WITHOUT_ROW_KEPT))
 }
 
 fn is_unlocked(path: &Path) -> bool {

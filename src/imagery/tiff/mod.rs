@@ -87,6 +87,20 @@ impl TiffWindows {
         self.layout.size_px
     }
 
+    /// Memory for the strips and tiles used last.
+    pub(super) fn memory_bytes(&self) -> u64 {
+        let layout = &self.layout;
+        let chunk_px: u64 = layout.chunk_px.into_iter().map(u64::from).product();
+        self.limits.chunk_cache_bytes.max(chunk_px * u64::from(layout.bits / 8))
+    }
+
+    /// Memory for one row of strips or tiles as they are decoded.
+    pub(super) fn band_bytes(&self) -> u64 {
+        let Layout { size_px, chunk_px, bits, pixel, .. } = &self.layout;
+        let columns = u64::from(size_px[0].next_multiple_of(chunk_px[0]));
+        columns * u64::from(chunk_px[1]) * u64::from(bits / 8) * pixel.samples as u64
+    }
+
     /// The window of a rectangle that lies in the picture.
     pub(super) fn window(&self, rect: PixelRect, reduction: u32) -> Result<GreyWindow, ImageryError> {
         let mut average = BoxAverage::new(rect, reduction, self.white);
