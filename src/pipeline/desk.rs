@@ -12,7 +12,7 @@ use crate::orientation::ControlPoint;
 use crate::orientation::by_hand::ByHand;
 use crate::orientation::gate::Located;
 use crate::orientation::locate::{Peak, ShiftMap};
-use crate::orientation::predict::{Prediction, edges_on_frame_px};
+use crate::orientation::predict::{Approximation, Prediction, edges_on_frame_px};
 use crate::orientation::search::{Hypothesis, Search};
 
 /// What staff say of the control points of an image.
@@ -99,7 +99,8 @@ impl<'a> Desk<'a> {
         let Searched { control, approximation, extraction, best, seen } = searched;
         let by_hand = by_hand(control, &self.run.task.camera, correction);
         let off = by_hand.off.clone();
-        let search = Search::new(&self.run.task.camera, control, approximation).with(by_hand);
+        let believed = believed(&self.run.task.camera, control, approximation, &by_hand);
+        let search = Search::new(&self.run.task.camera, control, &believed).with(by_hand);
         let mut trials = Vec::new();
         let solution = match start(&search, best.as_ref()) {
             Some(start) => self.run.solve(&search, &start, extraction, &mut trials)?,
@@ -163,6 +164,27 @@ fn by_hand(control: &[ControlPoint], camera: &Camera, correction: &Correction) -
         index(name).filter(|index| !off.contains(index)).zip(camera.reduced_from_pixel(*at_px))
     };
     ByHand { places: correction.moved.iter().filter_map(place).collect(), off }
+}
+
+/// So much worse than it says an approximation may be for all that is known before places are compared with it.
+const LOOSELY: f64 = 30.0;
+/// Places that determine an orientation.
+const DETERMINING: usize = 3;
+
+/// The approximation as it must be believed where several places contradict it: else a position that is wrong by many of
+/// its standard deviations would draw the corrected orientation to itself.
+fn believed(camera: &Camera, control: &[ControlPoint], stated: &Approximation, by_hand: &ByHand) -> Approximation {
+    if by_hand.places.len() < DETERMINING {
+        return stated.clone();
+    }
+    let loose = stated.erring_by(LOOSELY);
+    let search = Search::new(camera, control, &loose).with(by_hand.clone());
+    let contradiction = from_places(&search, None).and_then(|found| {
+        let prior = stated.prior(&found.orientation)?;
+        let step = prior.orientation.step_to(&found.orientation);
+        Some((step.dot(&(prior.information * step)) / 6.0).sqrt())
+    });
+    stated.erring_by(contradiction.unwrap_or(1.0).max(1.0))
 }
 
 /// Where the adjustment of a correction begins: with all that was located before, if that agrees with what was pointed at;
