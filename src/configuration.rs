@@ -78,6 +78,8 @@ pub struct Configuration {
     pub image_max_whole_pixels: u64,
     /// The most memory that decoding a JPEG or PNG may take.
     pub image_max_decode_bytes: u64,
+    /// Memory for the pictures that are open to be looked at, tile by tile.
+    pub viewer_cache_bytes: u64,
     /// The largest picture of a control scene that may be uploaded.
     pub scene_max_bytes: usize,
     /// The most pixels of the picture of a control scene.
@@ -173,6 +175,7 @@ impl Default for Configuration {
             image_max_pixels: 1_000_000_000,
             image_max_whole_pixels: 120_000_000,
             image_max_decode_bytes: 512 << 20,
+            viewer_cache_bytes: 256 << 20,
             scene_max_bytes: 16 << 20,
             scene_max_pixels: 16_000_000,
             connections_max: 4096,
@@ -353,7 +356,8 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 22] = [
+        let positive: [(&'static str, u64); 23] = [
+            ("viewer_cache_bytes", self.viewer_cache_bytes),
             ("upload_max_bytes", self.upload_max_bytes),
             ("upload_kept_s", self.upload_kept_s),
             ("body_max_bytes", self.body_max_bytes as u64),

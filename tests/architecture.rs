@@ -48,7 +48,7 @@ const ROOMS: &[Room] = &[
     Room("control", &["geometry", "scenes", "orientation", "pipeline", "database"]),
     Room("flight", &["geometry"]),
     Room("store", &["geometry", "database"]),
-    Room("report", &["geometry", "features", "diagnosis", "interior", "pipeline", "classifiers"]),
+    Room("report", &["geometry", "features", "orientation", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
         "jobs",
         &[

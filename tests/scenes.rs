@@ -6,6 +6,7 @@ use gable::classifiers::shipped;
 use gable::diagnosis::{Policy, Verdict, d_max_m};
 use gable::geometry::{Camera, Film, PixelFromPlate, Smac, rotation};
 use gable::orientation::ControlPoint;
+use gable::pipeline::desk::{Correction, Desk};
 use gable::pipeline::{Fault, Judge, Observer, Outcome, Stage, Task, Tolerance, orient};
 use gable::simulation::{Photograph, Scene, SceneSettings};
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -267,4 +268,126 @@ fn moved(control_point: &ControlPoint, by_m: Vector3<f64>) -> ControlPoint {
         edge.end += by_m;
     }
     moved
+}
+
+#[test]
+fn on_the_desk_an_image_is_oriented_as_ever() {
+    let scene = Scene::draw(104, &SceneSettings::default()).unwrap();
+    let (picture, control, task) = (scene.render(), scene.control_points(), task(&scene));
+    let desk = Desk::lay(&picture, &control, &task, &Watched).unwrap();
+    assert_eq!(*desk.outcome(), run(&picture, &control, &task));
+}
+
+#[test]
+fn what_is_switched_off_has_no_part_in_the_orientation_and_is_shown_all_the_same() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let (picture, control, task) = (scene.render(), scene.control_points(), task(&scene));
+    let mut desk = Desk::lay(&picture, &control, &task, &Watched).unwrap();
+    let before = desk.outcome().clone();
+    let used = |outcome: &Outcome| -> Vec<String> {
+        outcome.control_points.iter().filter(|c| c.used).map(|c| c.name.clone()).collect()
+    };
+    let off = used(&before)[..2].to_vec();
+    let after = desk.corrected(&Correction { off: off.clone(), moved: Vec::new() }).unwrap();
+    assert!(used(&after).iter().all(|name| !off.contains(name)));
+    assert!(used(&after).len() + 3 >= used(&before).len());
+    assert!(d_max_gsd(&scene, &after) < TOLERANCE_GSD, "{}", d_max_gsd(&scene, &after));
+    // as if they were not in the database
+    let without: Vec<ControlPoint> = control.iter().filter(|point| !off.contains(&point.name)).cloned().collect();
+    let expected = run(&picture, &without, &task);
+    let d_max = d_max_m(
+        &scene.camera,
+        &after.estimate.as_ref().unwrap().orientation,
+        &expected.estimate.as_ref().unwrap().orientation,
+        scene.ground_height_m(),
+    );
+    assert!(d_max.unwrap() < 0.2 * scene.ground_sample_distance_m(), "{d_max:?}");
+    assert_eq!(after.evidence.as_ref().unwrap().control_points_in_view, {
+        expected.evidence.as_ref().unwrap().control_points_in_view
+    });
+    for name in &off {
+        let index = after.control_points.iter().position(|c| c.name == *name).unwrap();
+        let point = &after.control_points[index];
+        let true_px = scene.true_orientation.pixel(&scene.camera, reference_m(&control, name)).unwrap();
+        assert!((point.projected_px.unwrap() - true_px).norm() < TOLERANCE_GSD);
+        assert!(after.edges.iter().any(|e| e.control_point == index) && !point.used);
+        assert!(after.edges.iter().all(|e| e.control_point != index || e.matched_px.is_empty()));
+    }
+    // and on again
+    let again = desk.corrected(&Correction { off: Vec::new(), moved: Vec::new() }).unwrap();
+    assert_eq!(used(&again).len(), used(&before).len());
+}
+
+fn reference_m(control: &[ControlPoint], name: &str) -> Vector3<f64> {
+    control.iter().find(|point| point.name == name).unwrap().reference_m
+}
+
+/// An approximation that is wrong by far more than it says leads nowhere; four places that somebody points at, each 1 px
+/// off, lead to the truth.
+#[test]
+fn pointing_at_control_points_corrects_what_the_approximation_has_misled() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let (picture, control) = (scene.render(), scene.control_points());
+    let mut task = task(&scene);
+    let truth = scene.true_orientation;
+    let height_m = truth.projection_centre_m.z - scene.ground_height_m();
+    task.approximation.orientation.projection_centre_m =
+        truth.projection_centre_m + Vector3::new(0.2, -0.25, 0.3) * height_m;
+    let [omega, phi, kappa] = rotation::angles(&truth.camera_from_object);
+    task.approximation.orientation.camera_from_object = rotation::camera_from_object(omega, phi, kappa + 2.5);
+    task.approximation.sigma_position_m = [0.01 * height_m; 3];
+    task.approximation.sigma_kappa_rad = Some(0.5);
+    let mut desk = Desk::lay(&picture, &control, &task, &Watched).unwrap();
+    let before = d_max_gsd(&scene, desk.outcome());
+    assert!(before > TOLERANCE_GSD, "it is not misled: {before}");
+    let seen = |point: &&ControlPoint| {
+        let pixel = truth.pixel(&scene.camera, point.reference_m);
+        pixel.is_some_and(|pixel| scene.camera.contains(pixel, -200.0))
+    };
+    let known: Vec<&ControlPoint> = desk.control().iter().filter(seen).collect();
+    let corner = |sign: [f64; 2]| {
+        let reach = |point: &&&ControlPoint| {
+            let pixel = truth.pixel(&scene.camera, point.reference_m).unwrap();
+            pixel.dot(&Vector2::from(sign))
+        };
+        known.iter().max_by(|a, b| reach(a).total_cmp(&reach(b))).unwrap()
+    };
+    let corners = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]].map(corner);
+    let pointed = |point: &&&ControlPoint| {
+        let off_px = Vector2::new(0.7, -0.7);
+        (point.name.clone(), truth.pixel(&scene.camera, point.reference_m).unwrap() + off_px)
+    };
+    let moved = corners.iter().map(pointed).collect();
+    let after = desk.corrected(&Correction { off: Vec::new(), moved }).unwrap();
+    let reached = d_max_gsd(&scene, &after);
+    assert!(reached < TOLERANCE_GSD / 2.0, "{reached} GSD");
+    assert!(after.control_points.iter().filter(|c| c.used).count() >= 8, "the others are found from there");
+}
+
+#[test]
+fn the_accumulator_of_a_control_point_peaks_where_it_is() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let (picture, control, task) = (scene.render(), scene.control_points(), task(&scene));
+    let mut desk = Desk::lay(&picture, &control, &task, &Watched).unwrap();
+    let strong = |c: &&gable::pipeline::ControlPointResult| c.used && c.segments_matched >= 4;
+    let names: Vec<String> =
+        desk.outcome().control_points.iter().filter(strong).map(|c| c.name.clone()).take(5).collect();
+    assert!(names.len() >= 3);
+    for name in names {
+        let seen = desk.neighbourhood(&name).unwrap().unwrap();
+        let accumulator = seen.accumulator.unwrap();
+        let true_px = scene.true_orientation.pixel(&scene.camera, reference_m(&control, &name)).unwrap();
+        assert_eq!(accumulator.map.values.len(), accumulator.map.size.pow(2));
+        let (at_px, log_likelihood) = accumulator.peaks[0];
+        assert!((at_px - true_px).norm() < 6.0, "{name}: {at_px} is not {true_px}");
+        // the largest value of the map is that of the best peak, where the map has it
+        let (cell, largest) = accumulator.map.values.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
+        assert!((f64::from(*largest) - log_likelihood).abs() < 1e-3 * log_likelihood.abs().max(1.0));
+        let half = accumulator.map.size / 2;
+        let shift = [cell % accumulator.map.size, cell / accumulator.map.size].map(|k| k as f64 - half as f64);
+        let expected_px = seen.predicted_px + accumulator.map.cell_px * Vector2::from(shift);
+        assert!((expected_px - at_px).norm() < 1.5 * accumulator.map.cell_px, "{expected_px} {at_px}");
+        assert!(!seen.edges_px.is_empty() && !seen.segments_px.is_empty());
+    }
+    assert_eq!(desk.neighbourhood("nobody").unwrap(), None);
 }

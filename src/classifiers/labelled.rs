@@ -114,6 +114,19 @@ pub struct LabelledImage {
     pub trials: Vec<TrialRow>,
 }
 
+impl LabelledImage {
+    /// The same image, labelled by an orientation that is itself known to be wrong: so are all that agree with it. Of
+    /// those that do not, nothing is known; they are left out.
+    #[must_use]
+    pub fn known_to_be_wrong(mut self) -> Self {
+        let tolerance_m = self.tolerance_m;
+        self.d_max_m = Some(BEYOND_M);
+        self.trials.retain(|TrialRow(.., d_max_m)| *d_max_m <= tolerance_m);
+        self.trials.iter_mut().for_each(|TrialRow(.., d_max_m)| *d_max_m = BEYOND_M);
+        self
+    }
+}
+
 /// An orientation with points: N, E, log sigma0, log lambda_max, and D_max against the reference in metres (1e9 where
 /// it does not see the ground).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

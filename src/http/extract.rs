@@ -10,6 +10,9 @@ use serde::de::DeserializeOwned;
 use super::pace::TooSlow;
 use super::problem::Problem;
 
+/// The most characters of a text that is looked for.
+const SEARCHED_MAX: usize = 200;
+
 /// A JSON body. Unknown fields are for `T` to refuse (`deny_unknown_fields`).
 #[derive(Debug)]
 pub struct Json<T>(pub T);
@@ -100,6 +103,19 @@ pub fn parse_json<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
     })?;
     deserializer.end().map_err(|error| Problem::bad_request(format!("The body is not valid JSON: {error}")))?;
     Ok(value)
+}
+
+/// A text that is looked for, of a parameter of the query; an empty one is none.
+///
+/// # Errors
+/// 422 if it cannot be in any name.
+pub fn searched<'t>(parameter: &str, given: Option<&'t str>) -> Result<Option<&'t str>, Problem> {
+    let Some(text) = given.filter(|text| !text.is_empty()) else { return Ok(None) };
+    if text.chars().count() > SEARCHED_MAX || text.chars().any(char::is_control) {
+        let detail = format!("{parameter} must have at most {SEARCHED_MAX} characters, and none of control");
+        return Err(Problem::invalid_field(format!("?{parameter}"), detail));
+    }
+    Ok(Some(text))
 }
 
 fn is_json(media_type: &str) -> bool {

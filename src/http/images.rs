@@ -1,5 +1,8 @@
 //! Images, streamed to disk.
 
+pub(super) mod name;
+mod pictures;
+
 use axum::body::Body;
 use axum::extract::multipart::{Field, MultipartError};
 use axum::extract::{DefaultBodyLimit, FromRequest as _, Multipart, Request, State};
@@ -9,8 +12,8 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use chrono::{DateTime, Utc};
 use futures_util::StreamExt as _;
-use serde::Serialize;
-use utoipa::ToSchema;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use uuid::Uuid;
@@ -31,7 +34,13 @@ const MEDIA_TYPES: &str = "image/jpeg, image/png, image/tiff, or multipart/form-
 pub fn routes() -> OpenApiRouter<AppState> {
     // the upload counts its bytes itself, as they come
     let upload = OpenApiRouter::new().routes(routes!(upload)).layer(DefaultBodyLimit::disable());
-    OpenApiRouter::new().routes(routes!(list)).routes(routes!(read, remove)).merge(upload)
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(read, remove))
+        .routes(routes!(pictures::tile))
+        .routes(routes!(pictures::thumbnail))
+        .routes(routes!(pictures::window))
+        .merge(upload)
 }
 
 /// An image.
@@ -42,6 +51,10 @@ struct ImageAnswer {
     /// SHA-256 of the file, in hexadecimal digits.
     #[schema(example = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08")]
     sha256: String,
+    /// What its file was called where it came from, if the upload has said.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "IMG_0042.JPG")]
+    name: Option<String>,
     /// Length of the file.
     size_bytes: u64,
     /// `jpeg`, `png` or `tiff`.
@@ -54,6 +67,10 @@ struct ImageAnswer {
     /// Where it was taken, if its EXIF says.
     #[serde(skip_serializing_if = "Option::is_none")]
     position: Option<PositionAnswer>,
+    /// Make and model of the camera, if its EXIF says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "DJI FC6310")]
+    camera_model: Option<String>,
     /// When it was first uploaded.
     created_at: DateTime<Utc>,
 }
@@ -74,10 +91,11 @@ struct PositionAnswer {
 
 impl From<Image> for ImageAnswer {
     fn from(image: Image) -> Self {
-        let Header { format, width_px, height_px, position } = image.header;
+        let Header { format, width_px, height_px, position, camera_model } = image.header;
         Self {
             id: image.id,
             sha256: hexadecimal(&image.sha256),
+            name: image.name,
             size_bytes: image.size_bytes,
             format,
             width_px,
@@ -87,9 +105,20 @@ impl From<Image> for ImageAnswer {
                 coordinates: [p.longitude_deg, p.latitude_deg],
                 height_above_geoid_m: p.height_m,
             }),
+            camera_model,
             created_at: image.created_at,
         }
     }
+}
+
+/// What is said of an image that is uploaded.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct UploadQuery {
+    /// What the file is called; folders before it are left out. A form says it by the filename of its part.
+    #[param(example = "IMG_0042.JPG", min_length = 1)]
+    name: Option<String>,
 }
 
 /// Upload an image
@@ -105,6 +134,7 @@ impl From<Image> for ImageAnswer {
         (Form = "multipart/form-data"),
     )),
     params(
+        UploadQuery,
         ("Content-Digest" = Option<String>, Header, description = "`sha-256=:<base64>:` of the body"),
         ("Repr-Digest" = Option<String>, Header, description = "`sha-256=:<base64>:` of the file"),
         ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat"),
@@ -120,20 +150,34 @@ impl From<Image> for ImageAnswer {
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
-async fn upload(State(state): State<AppState>, NewId(id): NewId, request: Request) -> Result<Response, Problem> {
-    let (image, new) = receive(&state, id, request).await?;
+async fn upload(
+    State(state): State<AppState>,
+    NewId(id): NewId,
+    Query(query): Query<UploadQuery>,
+    request: Request,
+) -> Result<Response, Problem> {
+    let name = query.name.as_deref().map(name::checked).transpose();
+    let name = name.map_err(|detail| Problem::invalid_field("?name", detail))?;
+    let (image, new) = receive(&state, id, name, request).await?;
     let status = if new { StatusCode::CREATED } else { StatusCode::OK };
     let location = format!("/api/v1/images/{}", image.id);
     Ok((status, [(header::LOCATION, location)], axum::Json(ImageAnswer::from(image))).into_response())
 }
 
-/// Takes the image of a request in, as `id` unless its bytes are there already; whether it is new comes with it.
-pub(super) async fn receive(state: &AppState, id: Uuid, request: Request) -> Result<(Image, bool), Problem> {
+/// Takes the image of a request in, as `id` unless its bytes are there already; whether it is new comes with it. Without
+/// a name, it has that which a form gives.
+pub(super) async fn receive(
+    state: &AppState,
+    id: Uuid,
+    name: Option<String>,
+    request: Request,
+) -> Result<(Image, bool), Problem> {
     let headers = request.headers();
     let kind = media_type(headers).unwrap_or_default();
     let is_form = kind == "multipart/form-data";
     refuse_encoded(headers)?;
     let declared = Declared {
+        name,
         format: if is_form { None } else { Some(format_of(&kind)?) },
         file_sha256: declared_digest(headers, "repr-digest")?,
         body_sha256: declared_digest(headers, "content-digest")?,
@@ -157,7 +201,7 @@ pub(super) async fn receive(state: &AppState, id: Uuid, request: Request) -> Res
     };
     declared.check(&received)?;
     refuse_over_quota(state, received.size_bytes).await?;
-    keep(state, id, received, declared.format).await
+    keep(state, id, received, declared.name.as_deref(), declared.format).await
 }
 
 /// Keeps what was received, if it is an image, of this format if one was declared.
@@ -165,10 +209,11 @@ pub(super) async fn keep(
     state: &AppState,
     id: Uuid,
     received: Received,
+    name: Option<&str>,
     declared: Option<Format>,
 ) -> Result<(Image, bool), Problem> {
     let (received, header) = probe(received, declared, state.configuration.image_limits()).await?;
-    Ok(state.store.keep_image(id, received, &header).await?)
+    Ok(state.store.keep_image(id, received, &header, name).await?)
 }
 
 /// A form with a file.
@@ -182,6 +227,7 @@ struct Form {
 
 /// What the client says of the file.
 struct Declared {
+    name: Option<String>,
     format: Option<Format>,
     file_sha256: Option<[u8; 32]>,
     body_sha256: Option<[u8; 32]>,
@@ -289,6 +335,8 @@ async fn receive_form(
         if let Some(kind) = part.content_type().filter(|kind| *kind != "application/octet-stream") {
             declared.format = Some(format_of(kind)?);
         }
+        // it is said by the way here: one that cannot be kept is no reason to refuse the file
+        declared.name = declared.name.or_else(|| part.file_name().and_then(|name| name::checked(name).ok()));
         while let Some(chunk) = part.chunk().await.map_err(malformed)? {
             target.write(&chunk).await?;
         }
@@ -312,8 +360,10 @@ fn refuse_part(part: &Field<'_>, file_was_found: bool) -> Result<(), Problem> {
 
 async fn probe(received: Received, declared: Option<Format>, limits: Limits) -> Result<(Received, Header), Problem> {
     let read = move || imagery::probe(received.path(), &limits).map(|probe| (received, probe));
-    let (received, probe) =
-        tokio::task::spawn_blocking(read).await.map_err(|error| Problem::internal(&error))?.map_err(imagery_problem)?;
+    let (received, probe) = tokio::task::spawn_blocking(read)
+        .await
+        .map_err(|error| Problem::internal(&error))?
+        .map_err(|error| imagery_problem(&error))?;
     if let Some(declared) = declared.filter(|declared| *declared != probe.format) {
         let detail = format!("The type says {}, but the content is a {}.", declared.name(), probe.format.name());
         return Err(Problem::unsupported_type(detail));
@@ -327,13 +377,14 @@ async fn probe(received: Received, declared: Option<Format>, limits: Limits) -> 
             latitude_deg: p.latitude_deg,
             height_m: p.altitude_m,
         }),
+        camera_model: probe.camera_model,
     };
     Ok((received, header))
 }
 
-pub(super) fn imagery_problem(error: ImageryError) -> Problem {
+pub(super) fn imagery_problem(error: &ImageryError) -> Problem {
     match error {
-        ImageryError::Read { source } => Problem::internal(&source),
+        ImageryError::Read { source } => Problem::internal(source),
         ImageryError::UnknownFormat { .. } => Problem::unsupported_type(error.to_string()),
         // the configuration has the same names, with a prefix
         ImageryError::OverLimit { what, found, limit, setting } => {
@@ -382,7 +433,7 @@ async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axu
 
 /// Remove an image
 ///
-/// Its file is gone then, and with it its overlays; orientations keep their results. The same bytes uploaded again bring
+/// Its file is gone then, and with it all pictures of it; orientations keep their results. The same bytes uploaded again bring
 /// it back under the same id.
 #[utoipa::path(
     delete, path = "/images/{id}", operation_id = "remove_image", tag = "images",
@@ -395,8 +446,12 @@ async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axu
     ),
 )]
 async fn remove(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<StatusCode, Problem> {
+    let image = state.store.image(id).await?;
     match state.store.remove_image(id).await? {
-        Removal::Done => Ok(StatusCode::NO_CONTENT),
+        Removal::Done => {
+            image.iter().for_each(|image| state.pictures.forget(&image.sha256));
+            Ok(StatusCode::NO_CONTENT)
+        }
         Removal::Missing => Err(Problem::not_found("There is no image with this id.")),
         Removal::InUse => {
             Err(Problem::conflict("An orientation of this image waits or runs; cancel it, or wait for its end."))

@@ -1,8 +1,13 @@
 //! Orientations: asked for, followed, looked at.
 
+mod all_events;
 mod answer;
+mod drawing;
 mod events;
+mod list;
 mod overlay;
+mod reviews;
+mod trials;
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +15,6 @@ use axum::body::Bytes;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use chrono::{DateTime, Utc};
 use serde::Deserialize;
 use utoipa::IntoParams;
 use utoipa_axum::router::OpenApiRouter;
@@ -20,7 +24,6 @@ use uuid::Uuid;
 use super::access::Caller;
 use super::extract::{Json, Path, Query};
 use super::idempotency::NewId;
-use super::page::{Page, Wanted};
 use super::problem::Problem;
 use super::state::AppState;
 use crate::imagery::{self, ImageryError};
@@ -28,7 +31,7 @@ use crate::jobs::SubmitError;
 use crate::jobs::request::{ImageFacts, OrientationRequest};
 use crate::store::cameras::NamedCamera;
 use crate::store::images::Image;
-use crate::store::orientations::{Filter, NewOrientation, Orientation, Status};
+use crate::store::orientations::{NewOrientation, Orientation, Status};
 use crate::store::removal::Removal;
 use answer::OrientationAnswer;
 
@@ -38,49 +41,16 @@ const RETRY_AFTER_S: u32 = 10;
 /// The routes of the orientations.
 pub fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
-        .routes(routes!(list, create))
+        .routes(routes!(list::list, create))
         .routes(routes!(read, cancel))
+        .routes(routes!(all_events::events))
         .routes(routes!(events::events))
         .routes(routes!(overlay::overlay))
-}
-
-/// Which orientations are wanted.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-struct ListQuery {
-    /// `queued`, `running`, `succeeded`, `failed` or `cancelled`.
-    status: Option<String>,
-    /// `green`, `yellow` or `red`.
-    verdict: Option<String>,
-    /// Only of this image.
-    image: Option<Uuid>,
-    /// Only those asked for at this time or later (RFC 3339).
-    since: Option<DateTime<Utc>>,
-    /// Items on a page, from 1 to 200; 50 if left out.
-    #[param(minimum = 1, maximum = 200)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(min_length = 1)]
-    cursor: Option<String>,
-}
-
-impl ListQuery {
-    fn filter(&self, before: Option<Uuid>) -> Result<Filter, Problem> {
-        let status = match &self.status {
-            None => None,
-            Some(name) => Some(Status::from_name(name).ok_or_else(|| {
-                let names = Status::ALL.map(Status::name).join(", ");
-                Problem::invalid_field("?status", format!("status is {name:?}; it must be one of {names}"))
-            })?),
-        };
-        let verdict = self.verdict.clone();
-        if let Some(name) = verdict.as_ref().filter(|name| !["green", "yellow", "red"].contains(&name.as_str())) {
-            let detail = format!("verdict is {name:?}; it must be green, yellow or red");
-            return Err(Problem::invalid_field("?verdict", detail));
-        }
-        Ok(Filter { status, verdict, image_id: self.image, since: self.since, before })
-    }
+        .routes(routes!(drawing::drawing))
+        .routes(routes!(drawing::map))
+        .routes(routes!(trials::attempt))
+        .routes(routes!(trials::window))
+        .routes(routes!(reviews::create, reviews::list))
 }
 
 /// Orient an image
@@ -185,28 +155,6 @@ fn preferred_wait_s(headers: &HeaderMap) -> Option<u64> {
         let (name, value) = preference.split(';').next()?.split_once('=')?;
         name.trim().eq_ignore_ascii_case("wait").then(|| value.trim().trim_matches('"').parse().ok())?
     })
-}
-
-/// List the orientations
-///
-/// The newest first, without their results.
-#[utoipa::path(
-    get, path = "/orientations", operation_id = "list_orientations", tag = "orientations", params(ListQuery),
-    responses(
-        (status = 200, description = "One page", body = Page<OrientationAnswer>),
-        (status = 422, description = "A parameter makes no sense", body = Problem, content_type = "application/problem+json"),
-        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
-    ),
-)]
-async fn list(
-    State(state): State<AppState>,
-    Query(query): Query<ListQuery>,
-) -> Result<axum::Json<Page<OrientationAnswer>>, Problem> {
-    let wanted = Wanted::new(query.limit, query.cursor.as_deref())?;
-    let fetched = state.store.orientations(&query.filter(wanted.before)?, wanted.fetch()).await?;
-    let Page { items, next_cursor } = wanted.page(fetched, |orientation| orientation.id, OrientationAnswer::new);
-    let items = items.into_iter().collect::<Result<_, _>>()?;
-    Ok(axum::Json(Page { items, next_cursor }))
 }
 
 /// Show an orientation

@@ -299,24 +299,30 @@ impl IntoResponse for Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
-        match &error {
-            StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
-                Self::storage_full(&error)
-            }
-            StoreError::JustRemoved => {
-                Self::unavailable("These bytes were being removed at this moment; send them again.", 1)
-            }
-            StoreError::Database { source } => Self::of_database(source, &error),
-            StoreError::Objects { .. } => {
-                tracing::error!(%error, "the object store does not do what it should");
-                Self::unavailable("The object store does not answer.", 5)
-            }
-            _ => Self::internal(&error),
-        }
+        Self::of_store(&error)
     }
 }
 
 impl Problem {
+    /// What the client is told of an error of the store.
+    #[must_use]
+    pub fn of_store(error: &StoreError) -> Self {
+        match error {
+            StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
+                Self::storage_full(error)
+            }
+            StoreError::JustRemoved => {
+                Self::unavailable("These bytes were being removed at this moment; send them again.", 1)
+            }
+            StoreError::Database { source } => Self::of_database(source, error),
+            StoreError::Objects { .. } => {
+                tracing::error!(%error, "the object store does not do what it should");
+                Self::unavailable("The object store does not answer.", 5)
+            }
+            _ => Self::internal(error),
+        }
+    }
+
     fn of_database(error: &sqlx::Error, cause: &dyn fmt::Display) -> Self {
         match error {
             // a server that restarts, or a network that was cut

@@ -13,6 +13,7 @@ use uuid::Uuid;
 
 use crate::configuration::Configuration;
 use crate::control::near::Reach;
+use crate::jobs::pictures::Pictures;
 use crate::jobs::retention::{self, Retention};
 use crate::jobs::{Jobs, Orient, Settings};
 use crate::pipeline;
@@ -33,6 +34,8 @@ pub struct AppState {
     pub readiness: Readiness,
     /// Orientations: accepted, worked on, followed.
     pub jobs: Jobs,
+    /// Images that are looked at.
+    pub pictures: Pictures,
     /// Imports of control points at a time.
     pub imports: Arc<Semaphore>,
     /// Scans looked at a time for their interior orientation.
@@ -66,9 +69,12 @@ impl AppState {
     pub fn with_pipeline(store: Store, configuration: Configuration, orient: Orient) -> Self {
         let settings = job_settings(&configuration);
         let scans = settings.workers;
+        let (cache_bytes, reserve_bytes) = (configuration.viewer_cache_bytes, configuration.disk_reserve_bytes);
+        let pictures = Pictures::new(store.clone(), configuration.image_limits(), cache_bytes, reserve_bytes);
         let rates = Rates::new(configuration.rate_per_s, configuration.rate_burst);
         Self {
             jobs: Jobs::new(store.clone(), settings, orient),
+            pictures,
             store,
             configuration: Arc::new(configuration),
             readiness: Readiness::default(),

@@ -33,9 +33,10 @@ pub struct ExifHeading {
     pub north: North,
 }
 
-/// What a header knows of the orientation and of the scan.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// What a header knows of the camera, of the orientation and of the scan.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Clues {
+    pub(super) camera_model: Option<String>,
     pub(super) position: Option<ExifPosition>,
     pub(super) heading: Option<ExifHeading>,
     pub(super) pixel_size_um: Option<f64>,
@@ -66,13 +67,35 @@ pub(super) trait GpsDirectory {
 
 /// What an Exif block (a TIFF structure) and an XMP packet tell.
 pub(super) fn clues(exif: Option<Vec<u8>>, xmp: Option<&[u8]>) -> Clues {
-    let from_exif = exif.and_then(parse).map(|mut exif| clues_of(&mut exif)).unwrap_or_default();
-    with_xmp(from_exif, xmp)
+    let of_exif = |mut exif: Exif| {
+        let text = |tag| exif.get_by_code_in(IfdIndex::MAIN, IfdKind::Tiff, tag).and_then(EntryValue::as_str);
+        Clues { camera_model: camera_model(text(MAKE), text(MODEL)), ..clues_of(&mut exif) }
+    };
+    with_xmp(exif.and_then(parse).map(of_exif).unwrap_or_default(), xmp)
+}
+
+/// Tags of the main directory.
+const MAKE: u16 = 0x010F;
+const MODEL: u16 = 0x0110;
+/// The most characters of make and model each: real ones are far shorter.
+const CHARACTERS_MAX: usize = 64;
+
+/// Make and model in one text, the make only where the model does not begin with it.
+pub(super) fn camera_model(make: Option<&str>, model: Option<&str>) -> Option<String> {
+    let clean = |text: &str| {
+        let printable: String =
+            text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(CHARACTERS_MAX).collect();
+        printable.split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let (make, model) = (clean(make.unwrap_or_default()), clean(model.unwrap_or_default()));
+    let repeated = model.to_lowercase().starts_with(&make.to_lowercase());
+    let both = if repeated { model } else { format!("{make} {model}").trim().to_owned() };
+    (!both.is_empty()).then_some(both)
 }
 
 /// What a GPS directory tells.
 pub(super) fn clues_of(gps: &mut impl GpsDirectory) -> Clues {
-    Clues { position: position(gps), heading: heading(gps), pixel_size_um: None }
+    Clues { position: position(gps), heading: heading(gps), ..Clues::default() }
 }
 
 /// The heading of the drone where Exif has none.

@@ -9,6 +9,7 @@ mod exif;
 pub mod georeference;
 mod grey;
 mod jpeg;
+pub mod levels;
 mod limits;
 mod png;
 mod probe;
@@ -66,6 +67,34 @@ impl ImageFile {
         };
         let white = grey::white(grey.samples.brightest());
         Ok(Self { format, size_px, pixels: Pixels::Frame { grey, white } })
+    }
+
+    /// A picture that was made of others, of one byte a pixel, row by row.
+    fn of_grey(size_px: [u32; 2], samples: Vec<u8>) -> Self {
+        let grey = Grey { width: size_px[0] as usize, samples: Samples::Eight(samples) };
+        Self { format: Format::Jpeg, size_px, pixels: Pixels::Frame { grey, white: 255.0 } }
+    }
+
+    /// The most memory that it keeps as long as it is open.
+    #[must_use]
+    pub fn memory_bytes(&self) -> u64 {
+        match &self.pixels {
+            Pixels::Frame { grey, .. } => grey.bytes(),
+            Pixels::Tiff(windows) => windows.memory_bytes(),
+        }
+    }
+
+    /// Whether its pixels are read when they are asked for.
+    fn is_on_disk(&self) -> bool {
+        matches!(self.pixels, Pixels::Tiff(_))
+    }
+
+    /// Memory that reading a window over its whole width takes beside the window.
+    fn band_bytes(&self) -> u64 {
+        match &self.pixels {
+            Pixels::Frame { .. } => 0,
+            Pixels::Tiff(windows) => windows.band_bytes(),
+        }
     }
 
     /// The format that the file's first bytes announced.

@@ -57,6 +57,8 @@ pub struct Probe {
     pub heading: Option<ExifHeading>,
     /// Side of a pixel on the film, of a TIFF whose resolution is one that film is scanned with.
     pub pixel_size_um: Option<f64>,
+    /// Make and model of the camera.
+    pub camera_model: Option<String>,
 }
 
 /// Reads the header of the picture at `path`. That does not prove that the picture is complete: only
@@ -64,7 +66,7 @@ pub struct Probe {
 ///
 /// # Errors
 /// [`ImageryError`] if the file cannot be read, is of another format, its header is damaged, or it exceeds `limits`.
-/// Position and heading that are missing, damaged or impossible are `None`.
+/// What is known besides and is missing, damaged or impossible is `None`.
 pub fn probe(path: &Path, limits: &Limits) -> Result<Probe, ImageryError> {
     let mut file = open(path)?;
     let format = format(&mut file)?;
@@ -86,8 +88,8 @@ pub fn probe(path: &Path, limits: &Limits) -> Result<Probe, ImageryError> {
         Format::Tiff => tiff::read_header(file, limits)?,
     };
     let [width_px, height_px] = size_px;
-    let Clues { position, heading, pixel_size_um } = clues;
-    Ok(Probe { format, width_px, height_px, bits, position, heading, pixel_size_um })
+    let Clues { camera_model, position, heading, pixel_size_um } = clues;
+    Ok(Probe { format, width_px, height_px, bits, position, heading, pixel_size_um, camera_model })
 }
 
 /// Opens a file for reading from its beginning.

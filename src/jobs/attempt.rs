@@ -22,12 +22,15 @@ use crate::geometry::{Camera, CrsError};
 use crate::imagery::{self, ImageFile, ImageryError, Limits};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{ControlKind, ControlPointResult, Fault, FilmOutcome, Observer, Outcome, orient_film};
+use crate::report::drawing::Drawing;
 use crate::report::interior::InteriorResult;
-use crate::report::overlay::Drawing;
+use crate::report::result::{DiagnosisReport, ReasonReport};
 use crate::report::{self, OrientationResult};
 use crate::store::StoreError;
 use crate::store::images::INCOMING;
-use crate::store::orientations::{self, Claim, Failure, Finished, Orientation, Status};
+use crate::store::orientations::{
+    self, Claim, DiagnosisInShort, Failure, Finished, Orientation, ReasonInShort, Status,
+};
 use crate::store::sightings::Sighting;
 
 /// How often the progress of an attempt is written to its row.
@@ -132,15 +135,25 @@ pub fn oriented(
             (outcome, Some(InteriorResult::of(&interior, &camera.plate, picture.size_px())))
         }
     };
+    told(&outcome, interior, control, (prepared, work))
+}
+
+/// What is told of an outcome, and kept.
+pub(super) fn told(
+    outcome: &Outcome,
+    interior: Option<InteriorResult>,
+    control: &[ControlPoint],
+    (prepared, work): (&Prepared, &Work),
+) -> Result<Oriented, AttemptError> {
     let (approximation, warnings) = (prepared.approximation.clone(), prepared.warnings.clone());
-    let mut result =
-        report::result(&outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
+    let mut result = report::result(outcome, &work.frame, &work.output, approximation, warnings, work.decides.clone())?;
     result.interior_orientation = interior;
     let accepted = outcome.diagnosis.verdict == Verdict::Green;
     // of buildings only: a scene may have the name of one
     let buildings = outcome.control_points.iter().filter(|point| point.kind == ControlKind::Lines);
     let sightings = buildings.filter(|_| accepted).map(sighting).collect();
-    Ok(Oriented { result, drawing: Drawing::of(&outcome), record: Record::of(&outcome), sightings })
+    let drawing = Drawing::of(outcome, control, &work.frame)?;
+    Ok(Oriented { result, drawing, record: Record::of(outcome), sightings })
 }
 
 fn of_digital(
@@ -151,12 +164,17 @@ fn of_digital(
     camera: &Camera,
     observer: &dyn Observer,
 ) -> Result<Outcome, AttemptError> {
-    if picture.size_px() != [camera.width_px, camera.height_px] {
-        let [width, height] = picture.size_px();
-        let detail = format!("the picture has {width} x {height} px, which is not what its header says");
-        return Err(PictureError { detail }.into());
-    }
+    check_size(picture, camera)?;
     Ok(orient(picture, control, &work.task(*camera), observer)?)
+}
+
+pub(super) fn check_size(picture: &ImageFile, camera: &Camera) -> Result<(), PictureError> {
+    let [width, height] = picture.size_px();
+    if [width, height] == [camera.width_px, camera.height_px] {
+        return Ok(());
+    }
+    let detail = format!("the picture has {width} x {height} px, which is not what its header says");
+    Err(PictureError { detail })
 }
 
 /// All that is kept of an oriented image.
@@ -182,12 +200,23 @@ fn sighting(point: &ControlPointResult) -> (String, Sighting) {
     (point.name.clone(), sighting)
 }
 
+/// What lists show of a diagnosis.
+fn in_short(diagnosis: &DiagnosisReport) -> DiagnosisInShort {
+    let DiagnosisReport { score, probability_correct, reasons, .. } = diagnosis;
+    let reason = |reason: &ReasonReport| ReasonInShort { code: reason.code.to_owned(), detail: reason.detail.clone() };
+    DiagnosisInShort {
+        score: *score,
+        probability_correct: *probability_correct,
+        reasons: reasons.iter().map(reason).collect(),
+    }
+}
+
 /// All that an attempt needs from the database.
-struct Loaded {
-    path: PathBuf,
-    prepared: Prepared,
-    work: Work,
-    control: ControlNear,
+pub(super) struct Loaded {
+    pub(super) path: PathBuf,
+    pub(super) prepared: Prepared,
+    pub(super) work: Work,
+    pub(super) control: ControlNear,
 }
 
 /// What is written to the row at the end of an attempt.
@@ -237,7 +266,7 @@ impl Inner {
         let ending = if orientation.attempts > self.settings.max_attempts {
             self.too_often(orientation.fate.as_deref())
         } else {
-            let begun = Change { id, status: Status::Running, stage: None, progress: 0.0 };
+            let begun = Change::to(id, Status::Running);
             self.teller.tell(Told::Change(begun.clone()));
             self.tell_others(&begun).await;
             let began = Instant::now();
@@ -302,12 +331,13 @@ impl Inner {
             record: serde_json::to_string(&record)?,
             sightings,
             verdict: result.diagnosis.verdict.to_owned(),
+            diagnosis: in_short(&result.diagnosis),
             result: serde_json::to_string(&result)?,
             drawing: serde_json::to_string(&drawing)?,
         })
     }
 
-    async fn load(&self, orientation: &Orientation) -> Result<Loaded, AttemptError> {
+    pub(super) async fn load(&self, orientation: &Orientation) -> Result<Loaded, AttemptError> {
         let image = self.store.image(orientation.image_id).await?.ok_or(AttemptError::Missing { what: "image" })?;
         let camera = camera_model(&self.store, &orientation.camera_id.to_string()).await?;
         let camera = camera.ok_or(AttemptError::Missing { what: "camera" })?;
@@ -328,8 +358,8 @@ impl Inner {
                 kept = Instant::now();
                 let (stage, fraction) = *noted.borrow_and_update();
                 let held = self.store.note_progress(claim, stage, fraction).await;
-                let stage = Some(stage.into());
-                self.tell_others(&Change { id: claim.id, status: Status::Running, stage, progress: fraction }).await;
+                let change = Change::to(claim.id, Status::Running);
+                self.tell_others(&Change { stage: Some(stage.into()), progress: fraction, ..change }).await;
                 held
             } else {
                 self.store.holds(claim).await

@@ -2,11 +2,15 @@
 
 use uuid::Uuid;
 
+use super::feed::{Change, Told};
 use super::{Jobs, SubmitError};
 use crate::database::Transaction;
 use crate::store::StoreError;
 use crate::store::blocks;
 use crate::store::orientations::{self, NewOrientation, Status};
+
+/// So many of the orientations that are accepted at once are told to other services.
+const TOLD_OTHERS_MAX: usize = 100;
 
 impl Jobs {
     /// Accepts orientations, all or none, as a part of a transaction that has begun alone: how many are new. Once that is
@@ -35,9 +39,17 @@ impl Jobs {
         Ok(accepted)
     }
 
-    /// Says that there is something in the queue, after a transaction with [`Self::submit_all`].
-    pub async fn announce(&self) {
+    /// Says that these are in the queue, after a transaction with [`Self::submit_all`].
+    pub async fn announce(&self, new: &[NewOrientation]) {
         self.0.call_workers().await;
+        for (number, new) in new.iter().enumerate() {
+            let change = Change::to(new.id, Status::Queued);
+            self.0.teller.tell(Told::Change(change.clone()));
+            // each is a statement; of the rest of a large block other services hear when it begins
+            if number < TOLD_OTHERS_MAX {
+                self.0.tell_others(&change).await;
+            }
+        }
     }
 
     /// Removes a block, and cancels its orientations that have not ended; `false` if there is none.

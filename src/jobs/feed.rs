@@ -26,6 +26,17 @@ pub struct Change {
     pub stage: Option<Cow<'static, str>>,
     /// 0 to 1.
     pub progress: f64,
+    /// Of the result, once it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<String>,
+}
+
+impl Change {
+    /// That an orientation has come to this status, and nothing more.
+    pub(super) fn to(id: Uuid, status: Status) -> Self {
+        let progress = if status.is_final() { 1.0 } else { 0.0 };
+        Self { id, status, stage: None, progress, verdict: None }
+    }
 }
 
 /// What a worker process tells its parent.

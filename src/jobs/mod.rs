@@ -10,10 +10,12 @@ mod attempt;
 mod blocks;
 pub mod camera_model;
 pub mod crew;
+pub mod desks;
 pub mod drift;
 mod feed;
 pub mod film_camera;
 pub mod interior;
+pub mod pictures;
 mod queue;
 pub mod request;
 pub mod retention;
@@ -39,13 +41,15 @@ pub use attempt::{AttemptError, Oriented, oriented};
 pub use feed::Change;
 
 use active::ActiveClassifier;
+use desks::Desks;
 
 use crate::control::near::Reach;
 use crate::features::Picture;
 use crate::imagery::{ImageFile, Limits};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{Fault, Observer, Outcome, Task};
-use crate::report::overlay::{self, Drawing};
+use crate::report::drawing::Drawing;
+use crate::report::overlay;
 use crate::store::orientations::{self, Abandoned, NewOrientation, Orientation, Status};
 use crate::store::{Store, StoreError};
 use feed::{Teller, Told};
@@ -116,6 +120,7 @@ struct Inner {
     running: Mutex<HashMap<Uuid, Arc<Signal>>>,
     stopping: CancellationToken,
     drawing: Arc<Semaphore>,
+    desks: Desks,
     active: ActiveClassifier,
     to_train: Notify,
 }
@@ -156,6 +161,7 @@ impl Jobs {
             running: Mutex::default(),
             stopping: CancellationToken::new(),
             drawing: Arc::new(Semaphore::new(settings.workers.max(1))),
+            desks: Desks::default(),
             settings,
             orient,
             active: ActiveClassifier::default(),
@@ -269,7 +275,7 @@ impl Jobs {
         // the second try of a request that was accepted already is no new one
         if self.submit_all(&mut transaction, std::slice::from_ref(new)).await? > 0 {
             transaction.commit().await.map_err(StoreError::from)?;
-            self.announce().await;
+            self.announce(std::slice::from_ref(new)).await;
         }
         Ok(())
     }
@@ -376,9 +382,10 @@ impl Inner {
     }
 
     async fn ended(&self, id: Uuid, status: Status, verdict: Option<&str>) {
-        let change = Change { id, status, stage: None, progress: 1.0 };
+        let verdict = verdict.map(str::to_owned);
+        let change = Change { verdict: verdict.clone(), ..Change::to(id, status) };
         self.teller.tell(Told::Change(change.clone()));
-        self.teller.tell(Told::Ended { status, verdict: verdict.map(str::to_owned) });
+        self.teller.tell(Told::Ended { status, verdict });
         self.tell_others(&change).await;
     }
 

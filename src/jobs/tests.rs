@@ -12,7 +12,7 @@ use crate::jobs::request::{ImageFacts, OrientationRequest};
 use crate::pipeline::{Estimate, Stage};
 use crate::store::images::Header;
 use crate::store::orientations::Finished;
-use crate::store::orientations::{Abandoned, Claim, Priority};
+use crate::store::orientations::{Abandoned, Claim, DiagnosisInShort, Priority};
 use crate::store::scratch::over_sqlite;
 
 /// A service's jobs over a fresh data folder with one camera and one image.
@@ -79,8 +79,14 @@ async fn upload(store: &Store, bytes: &[u8]) -> Uuid {
     let mut upload = store.begin_upload().unwrap();
     upload.write(bytes).await.unwrap();
     let received = upload.complete().await.unwrap();
-    let header = Header { format: "png".into(), width_px: SIZE_PX[0], height_px: SIZE_PX[1], position: None };
-    store.keep_image(Uuid::now_v7(), received, &header).await.unwrap().0.id
+    let header = Header {
+        format: "png".into(),
+        width_px: SIZE_PX[0],
+        height_px: SIZE_PX[1],
+        position: None,
+        camera_model: None,
+    };
+    store.keep_image(Uuid::now_v7(), received, &header, None).await.unwrap().0.id
 }
 
 fn outcome(task: &Task) -> Outcome {
@@ -89,6 +95,7 @@ fn outcome(task: &Task) -> Outcome {
         evidence: None,
         trials: vec![],
         ground_height_m: None,
+        footprint_m: Vec::new(),
         pairs: vec![],
         estimate: Some(Estimate {
             orientation: task.approximation.orientation,
@@ -342,6 +349,7 @@ async fn what_a_dead_process_left_is_taken_up_but_not_for_ever() {
     // the dead process comes back: too late
     let late = Finished {
         verdict: "red".into(),
+        diagnosis: DiagnosisInShort::default(),
         result: "{}".into(),
         drawing: "{}".into(),
         record: "{}".into(),

@@ -20,7 +20,7 @@ use crate::learning::svm::SvmError;
 use crate::learning::{Costs, Kind};
 use crate::store::cameras::NamedCamera;
 use crate::store::classifiers::{ClassifierTexts, StoredClassifier};
-use crate::store::references::{ReferenceOrientation, ReferencedRecord};
+use crate::store::references::{ReferenceOrientation, ReferencedRecord, RejectedRecord, given_now};
 use crate::store::{Store, StoreError, TRAINING, now};
 
 /// What is to be trained: kept with the classifier.
@@ -70,6 +70,8 @@ const UPLOAD_LOST_AFTER: Duration = Duration::from_secs(3600);
 const LOOK_INTERVAL: Duration = Duration::from_secs(30);
 /// After an error of the store, before the next try.
 const PAUSE: Duration = Duration::from_secs(5);
+/// The area of what staff have decided.
+const REVIEWED_AREA: &str = "reviewed";
 /// Where the tolerance of the request is in ground sample distances and the ground cannot be seen, it is nothing.
 const NO_TOLERANCE_M: f64 = 0.0;
 
@@ -279,7 +281,39 @@ pub async fn history(store: &Store) -> Result<TrainingSet, TrainingError> {
             }
         }
     }
+    for image in rejected(store).await? {
+        serde_json::to_writer(&mut content, &image)?;
+        images.push(image);
+    }
     Ok(of_images("history", images, &content))
+}
+
+/// What staff have rejected without saying what would be right.
+async fn rejected(store: &Store) -> Result<Vec<LabelledImage>, TrainingError> {
+    let (mut images, mut after) = (Vec::new(), Uuid::nil());
+    loop {
+        let page = store.rejected_records(after, PAGE).await?;
+        let Some(last) = page.last() else { return Ok(images) };
+        after = last.orientation_id;
+        for row in &page {
+            let camera = store.camera(&row.camera_id.to_string()).await?;
+            if let Some(camera) = camera.as_ref().and_then(NamedCamera::digital) {
+                images.extend(labelled_as_wrong(row, camera)?);
+            }
+        }
+    }
+}
+
+/// An orientation that is known to be wrong; `None` if there was none to reject.
+fn labelled_as_wrong(row: &RejectedRecord, camera: &Camera) -> Result<Option<LabelledImage>, TrainingError> {
+    let prepared: Prepared = serde_json::from_str(&row.prepared)?;
+    let record: Record = serde_json::from_str(&row.record)?;
+    let Some(estimate) = record.estimate else { return Ok(None) };
+    let orientation = ExteriorOrientation::from(estimate);
+    let (ground_height_m, tolerance_m) = measures(&prepared, &record, &orientation, camera);
+    let itself = Reference { camera, orientation, ground_height_m, tolerance_m };
+    let image = record.labelled(row.image_id.to_string(), REVIEWED_AREA.to_owned(), &itself);
+    Ok(Some(image.known_to_be_wrong()))
 }
 
 /// An orientation of the history, held against the reference of its image.
@@ -288,18 +322,44 @@ fn labelled(row: &ReferencedRecord, camera: &Camera) -> Result<LabelledImage, Tr
     let record: Record = serde_json::from_str(&row.record)?;
     let frame = prepared.frame()?;
     let orientation = in_frame(&row.reference, &frame);
+    let (ground_height_m, tolerance_m) = measures(&prepared, &record, &orientation, camera);
+    let reference = Reference { camera, orientation, ground_height_m, tolerance_m };
+    Ok(record.labelled(row.reference.image_id.to_string(), row.reference.area.clone(), &reference))
+}
+
+/// The height of the plane on which errors are measured, and the largest one that is acceptable.
+fn measures(prepared: &Prepared, record: &Record, truth: &ExteriorOrientation, camera: &Camera) -> (f64, f64) {
     // without an orientation nothing is measured
     let ground_height_m = record.ground_height_m.unwrap_or(0.0);
     let tolerance_m = match prepared.tolerance {
         ToleranceGiven::M(metres) => metres,
         ToleranceGiven::Gsd(gsd) if record.ground_height_m.is_some() => {
-            let depth_m = orientation.projection_centre_m.z - ground_height_m;
+            let depth_m = truth.projection_centre_m.z - ground_height_m;
             gsd * depth_m.max(0.0) / camera.principal_distance_px
         }
         ToleranceGiven::Gsd(_) => NO_TOLERANCE_M,
     };
-    let reference = Reference { camera, orientation, ground_height_m, tolerance_m };
-    Ok(record.labelled(row.reference.image_id.to_string(), row.reference.area.clone(), &reference))
+    (ground_height_m, tolerance_m)
+}
+
+/// The reference of an image whose orientation staff have accepted; `None` if there was none.
+///
+/// # Errors
+/// [`TrainingError`] if what is stored cannot be read.
+pub fn accepted(
+    image_id: Uuid,
+    prepared: &str,
+    record: &Record,
+) -> Result<Option<ReferenceOrientation>, TrainingError> {
+    let prepared: Prepared = serde_json::from_str(prepared)?;
+    let Some(estimate) = record.estimate else { return Ok(None) };
+    let frame = prepared.frame()?;
+    let orientation = ExteriorOrientation::from(estimate);
+    let centre_m = frame.to_geocentric(orientation.projection_centre_m);
+    let rotation = orientation.camera_from_object * frame.local_from_geocentric();
+    // row by row
+    let rows = std::array::from_fn(|k| rotation.matrix()[(k / 3, k % 3)]);
+    Ok(Some(given_now(image_id, REVIEWED_AREA.to_owned(), centre_m.into(), rows)))
 }
 
 /// A reference in a local frame.

@@ -54,7 +54,7 @@ impl Observer for Watcher {
     fn progress(&self, stage: Stage, fraction: f64) {
         self.measure(Some(stage));
         let at = Some(stage.name().into());
-        let change = Change { id: self.id, status: Status::Running, stage: at, progress: fraction };
+        let change = Change { stage: at, progress: fraction, ..Change::to(self.id, Status::Running) };
         self.teller.tell(Told::Change(change));
         self.notes.send_replace((stage.name(), fraction));
     }

@@ -6,12 +6,13 @@ use nalgebra::Vector2;
 use super::adjust::{Adjustment, Building, Model, sigma_control_px};
 use super::extract::Extraction;
 use super::gate::{Round, Scale};
-use super::matching::{Nearness, matches};
+use super::matching::{Match, Nearness, matches};
 use super::parallels::resolved;
 use super::predict::{Prediction, edges_on_frame_px};
 use super::search::{Search, reach};
 use crate::features::PictureError;
 use crate::geometry::Segment2;
+use crate::scenes::Measured;
 
 /// A round of collecting: how the buildings are located, and what their edges then accept.
 #[derive(Debug, Clone, Copy)]
@@ -78,47 +79,62 @@ pub fn log_odds(search: &Search, prediction: &Prediction, extraction: &mut Extra
 }
 
 /// The buildings that are found where they are predicted, each with the pieces of its edges, and the scenes, each
-/// measured.
+/// measured. Those that somebody has seen are where he has seen them.
 fn collect(
     search: &Search,
     prediction: &Prediction,
     extraction: &mut Extraction,
     collection: Collection,
 ) -> Result<Vec<Building>, PictureError> {
-    let located = search.locate_where_predicted(prediction, extraction, collection.round)?;
-    let of_scene = |control_point, measured| Building {
-        control_point,
-        matches: Vec::new(),
-        measured: Some(measured),
-        shift_px: Vector2::zeros(),
-    };
+    let mut located = search.locate_where_predicted(prediction, extraction, collection.round)?;
+    located.retain(|found| search.placed(found.control_point).is_none());
     let unseen = search.measured_where_predicted(prediction, &located, extraction)?;
-    let mut buildings: Vec<Building> = unseen.into_iter().map(|(k, measured)| of_scene(k, measured)).collect();
+    let unseen = unseen.into_iter().filter(|(k, _)| search.placed(*k).is_none());
+    let mut buildings: Vec<Building> = unseen.map(|(k, measured)| of_point(k, measured)).collect();
     for found in located {
-        let control_point = &search.control[found.control_point];
         let at = &prediction.orientation;
         if let Some(measured) = search.measured(found.control_point, found.at_px, at, extraction)? {
-            buildings.push(of_scene(found.control_point, measured));
+            buildings.push(of_point(found.control_point, measured));
             continue;
         }
-        let c = search.camera.principal_distance_px;
-        let Some(predicted) = prediction.orientation.reduced_px(c, control_point.reference_m) else { continue };
-        let shift = found.at_px - predicted;
-        let shifted = |e: Segment2| Segment2 { start: e.start + shift, end: e.end + shift };
-        let edges = edges_on_frame_px(search.camera, &prediction.orientation, control_point);
-        let edges: Vec<Option<Segment2>> = edges.into_iter().map(|edge| edge.map(shifted)).collect();
-        let reach_px = reach(edges.iter().flatten(), found.at_px) + collection.nearness.distance_px;
-        let near = matches(&edges, extraction.near(found.at_px, reach_px), &collection.nearness);
-        let sigma_control_px = sigma_control_px(search.camera, control_point, &prediction.orientation);
-        let matches = resolved(&edges, extraction.segments(), near, sigma_control_px);
+        let matches = pieces(search, prediction, extraction, collection, (found.control_point, found.at_px));
         if !matches.is_empty() {
-            buildings.push(Building {
-                control_point: found.control_point,
-                matches,
-                measured: None,
-                shift_px: Vector2::zeros(),
-            });
+            buildings.push(building(found.control_point, matches, None));
         }
     }
+    for (control_point, at_px) in &search.by_hand.places {
+        search.cover_place(*control_point, *at_px, prediction, extraction)?;
+        let matches = pieces(search, prediction, extraction, collection, (*control_point, *at_px));
+        buildings.push(building(*control_point, matches, search.placed(*control_point)));
+    }
     Ok(buildings)
+}
+
+fn building(control_point: usize, matches: Vec<Match>, measured: Option<Measured>) -> Building {
+    Building { control_point, matches, measured, shift_px: Vector2::zeros() }
+}
+
+fn of_point(control_point: usize, measured: Measured) -> Building {
+    building(control_point, Vec::new(), Some(measured))
+}
+
+/// The line segments that lie on the edges of a control point whose reference is at a place.
+fn pieces(
+    search: &Search,
+    prediction: &Prediction,
+    extraction: &Extraction,
+    collection: Collection,
+    (index, at_px): (usize, Vector2<f64>),
+) -> Vec<Match> {
+    let control_point = &search.control[index];
+    let c = search.camera.principal_distance_px;
+    let Some(predicted) = prediction.orientation.reduced_px(c, control_point.reference_m) else { return Vec::new() };
+    let shift = at_px - predicted;
+    let shifted = |e: Segment2| Segment2 { start: e.start + shift, end: e.end + shift };
+    let edges = edges_on_frame_px(search.camera, &prediction.orientation, control_point);
+    let edges: Vec<Option<Segment2>> = edges.into_iter().map(|edge| edge.map(shifted)).collect();
+    let reach_px = reach(edges.iter().flatten(), at_px) + collection.nearness.distance_px;
+    let near = matches(&edges, extraction.near(at_px, reach_px), &collection.nearness);
+    let sigma_control_px = sigma_control_px(search.camera, control_point, &prediction.orientation);
+    resolved(&edges, extraction.segments(), near, sigma_control_px)
 }

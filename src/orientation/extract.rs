@@ -80,6 +80,12 @@ impl<'a> Extraction<'a> {
         Self { keys: ImageKeys::new(self.picture, self.camera, reduction), ..self }
     }
 
+    /// Columns and rows of the picture.
+    #[must_use]
+    pub fn picture_px(&self) -> [u32; 2] {
+        self.picture.size_px()
+    }
+
     /// The key points so far.
     #[must_use]
     pub fn keys(&self) -> &ImageKeys<'a> {

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::ControlPoint;
 use super::extract::Extraction;
 use super::gate::{GATE, Gate, Located, Round, Scale, Seed};
-use super::locate::{Clustering, Peak, SHORTEST_EDGE_PX, shift_map};
-use super::predict::{Prediction, edges_on_frame_px};
+use super::locate::{Clustering, Peak, SHORTEST_EDGE_PX, ShiftMap, shift_map};
+use super::predict::{Prediction, edges_on_frame_px, on_frame};
 use super::search::{Candidate, HOPELESSLY_BEHIND, Hypothesis, Search, WIDE, reach, square};
 use super::views::{Narrowed, REACH_SIGMAS, narrowed};
 use crate::estimation::{PointObservation, Prior, Resection, largest_sigma, resect};
@@ -44,6 +44,19 @@ struct Pair {
     rating: f64,
     seeds: [Seed; 2],
     start: ExteriorOrientation,
+}
+
+/// What is around a control point, in reduced pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Around {
+    /// Where its reference point is expected.
+    pub predicted_px: Vector2<f64>,
+    /// So far to each side something of it may be.
+    pub reach_px: f64,
+    /// Its edges where they are expected.
+    pub edges_px: Vec<Segment2>,
+    /// What the line segments say of its shift; none of a scene.
+    pub map: Option<ShiftMap>,
 }
 
 /// The orientation with one candidate and the prior: where all other control points are, if this one is there.
@@ -312,7 +325,46 @@ impl Search<'_> {
             let half_width_px = (WINDOW_SIGMAS * sigma).clamp(LEAST_CELLS * cell_px, WIDEST_PX);
             Some(Narrow { control_point, predicted, half_width_px, edges })
         };
-        self.control.iter().enumerate().filter_map(window).collect()
+        self.control.iter().enumerate().filter(|(k, _)| self.is_on(*k)).filter_map(window).collect()
+    }
+
+    /// What is around a control point under a prediction; `None` if it is not on the frame.
+    ///
+    /// # Errors
+    /// [`PictureError`] if the picture cannot be read there.
+    pub fn around(
+        &self,
+        control_point: usize,
+        prediction: &Prediction,
+        extraction: &mut Extraction,
+    ) -> Result<Option<Around>, PictureError> {
+        let round = ROUNDS[ROUNDS.len() - 1];
+        if let Some(window) = self.narrow(prediction, round).into_iter().find(|w| w.control_point == control_point) {
+            self.cover(std::iter::once(&window), extraction)?;
+            let reach_px = window.half_width_px + reach(&window.edges, window.predicted);
+            let map = clustered(&window, extraction, round);
+            let Narrow { predicted: predicted_px, edges: edges_px, .. } = window;
+            return Ok(Some(Around { predicted_px, reach_px, edges_px, map: Some(map) }));
+        }
+        let reference_m = self.control[control_point].reference_m;
+        let image = prediction.orientation.reduced_px(self.camera.principal_distance_px, reference_m);
+        let on_frame = image.filter(|p| on_frame(self.camera, *p, 0.0));
+        let reach_px = LEAST_CELLS * round.scale.cell_px;
+        Ok(on_frame.map(|predicted_px| Around { predicted_px, reach_px, edges_px: Vec::new(), map: None }))
+    }
+
+    /// Extracts the segments around a control point that somebody has seen at a place.
+    pub(super) fn cover_place(
+        &self,
+        control_point: usize,
+        at_px: Vector2<f64>,
+        prediction: &Prediction,
+        extraction: &mut Extraction,
+    ) -> Result<(), PictureError> {
+        let edges = edges_on_frame_px(self.camera, &prediction.orientation, &self.control[control_point]);
+        let edges: Vec<Segment2> = edges.into_iter().flatten().collect();
+        let reach_px = reach(&edges, at_px);
+        extraction.cover_all(&[square(self.camera, at_px, reach_px)])
     }
 
     /// Extracts the segments that windows need.
@@ -335,19 +387,23 @@ impl Search<'_> {
     ) -> Vec<Vec<Peak>> {
         let mut candidates = vec![Vec::new(); self.control.len()];
         for window in windows {
-            let clustering = Clustering {
-                half_width_px: window.half_width_px,
-                cell_px: round.scale.cell_px,
-                direction_tolerance_rad: round.direction_tolerance_rad,
-                fine: true,
-            };
-            let near = extraction.near(window.predicted, window.half_width_px + reach(&window.edges, window.predicted));
-            let map = shift_map(&window.edges, window.predicted, near.map(|(_, segment)| segment), &clustering);
-            candidates[window.control_point] = map.peaks(PEAKS_OF_A_WINDOW);
+            candidates[window.control_point] = clustered(window, extraction, round).peaks(PEAKS_OF_A_WINDOW);
         }
         self.sight(prediction, round.scale, extraction, &mut candidates);
         candidates
     }
+}
+
+/// What the line segments say of the shifts of a window.
+fn clustered(window: &Narrow, extraction: &Extraction, round: Round) -> ShiftMap {
+    let clustering = Clustering {
+        half_width_px: window.half_width_px,
+        cell_px: round.scale.cell_px,
+        direction_tolerance_rad: round.direction_tolerance_rad,
+        fine: true,
+    };
+    let near = extraction.near(window.predicted, window.half_width_px + reach(&window.edges, window.predicted));
+    shift_map(&window.edges, window.predicted, near.map(|(_, segment)| segment), &clustering)
 }
 
 /// A narrow window with the edges of its control point.

@@ -1,10 +1,11 @@
 //! The orientation of one image, a file a stage, in the order in which data flows.
 
 pub mod adjust;
+pub mod by_hand;
 pub mod collect;
 pub mod extract;
 pub mod gate;
-mod hypotheses;
+pub mod hypotheses;
 pub mod locate;
 pub mod matching;
 pub mod parallels;

@@ -60,14 +60,20 @@ impl Approximation {
     #[must_use]
     pub fn erring_more(&self) -> Option<Self> {
         let [east, north, _] = self.sigma_position_m;
-        let sigma_kappa_rad = ERRING_MORE * self.sigma_kappa_rad?;
+        self.sigma_kappa_rad?;
         let known = self.sigma_tilt_rad < KNOWN_TILT_RAD && east.max(north) < KNOWN_POSITION_M;
-        known.then(|| Self {
+        known.then(|| self.erring_by(ERRING_MORE))
+    }
+
+    /// The same with standard deviations so many times as large.
+    #[must_use]
+    pub fn erring_by(&self, factor: f64) -> Self {
+        Self {
             orientation: self.orientation,
-            sigma_position_m: self.sigma_position_m.map(|sigma| ERRING_MORE * sigma),
-            sigma_tilt_rad: ERRING_MORE * self.sigma_tilt_rad,
-            sigma_kappa_rad: Some(sigma_kappa_rad),
-        })
+            sigma_position_m: self.sigma_position_m.map(|sigma| factor * sigma),
+            sigma_tilt_rad: factor * self.sigma_tilt_rad,
+            sigma_kappa_rad: self.sigma_kappa_rad.map(|sigma| factor * sigma),
+        }
     }
 }
 

@@ -11,6 +11,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::ControlPoint;
+use super::by_hand::ByHand;
 use super::extract::Extraction;
 use super::gate::{Located, Scale};
 use super::locate::{Clustering, Peak, shift_map};
@@ -31,6 +32,8 @@ pub struct Search<'a> {
     pub approximation: &'a Approximation,
     /// The scenes among them as the image may show them.
     pub(super) looks: SceneLooks,
+    /// What staff say of the control points.
+    pub by_hand: ByHand,
 }
 
 /// An orientation with the control points that speak for it.
@@ -103,7 +106,7 @@ impl<'a> Search<'a> {
     #[must_use]
     pub fn new(camera: &'a Camera, control: &'a [ControlPoint], approximation: &'a Approximation) -> Self {
         let looks = SceneLooks::of(camera, control, &approximation.orientation);
-        Self { camera, control, approximation, looks }
+        Self { camera, control, approximation, looks, by_hand: ByHand::default() }
     }
 }
 

@@ -191,7 +191,7 @@ impl Search<'_> {
             let scene = self.control[k].scene.as_deref()?;
             self.scene_gate(k, scene, prediction, reach_sigmas, scale).map(|gate| (k, gate))
         };
-        (0..self.control.len()).filter_map(gate).collect()
+        (0..self.control.len()).filter(|k| self.is_on(*k)).filter_map(gate).collect()
     }
 
     fn scene_gate(

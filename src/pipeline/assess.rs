@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix6, Vector2};
 
-use super::outcome::{control_point_results, edge_results, in_view, matched_shares, pair_results};
+use super::outcome::{control_point_results, edge_results, footprint_m, in_view, matched_shares, pair_results};
 use super::run::{LARGEST_CONFIGURATION, Run, Solution};
 use super::{ControlPointResult, Estimate, GroundPrecision, Judge, Outcome};
 use crate::diagnosis::precision::{ground_points, ground_precision};
@@ -70,6 +70,7 @@ impl Run<'_> {
             evidence: Some(evidence),
             trials: rivals.trials,
             ground_height_m: Some(height_m),
+            footprint_m: footprint_m(camera, &adjustment.orientation, height_m),
             cost: None,
         }
     }

@@ -114,7 +114,8 @@ fn stopped(interior: InteriorOrientation) -> FilmOutcome {
     FilmOutcome { interior, outcome: Outcome::without_orientation(diagnosis) }
 }
 
-fn hold_at_yellow(outcome: &mut Outcome, reasons: &[Reason]) {
+/// A yellow interior orientation allows no green exterior one.
+pub fn hold_at_yellow(outcome: &mut Outcome, reasons: &[Reason]) {
     let detail = reasons.first().map_or("", |reason| reason.detail.as_str());
     let reason = Reason { code: "interior_orientation_doubtful", detail: format!("interior orientation: {detail}") };
     let diagnosis = &mut outcome.diagnosis;

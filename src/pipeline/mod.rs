@@ -1,6 +1,7 @@
 //! Runs the stages and the diagnosis for one image, reports progress, and obeys a cancel.
 
 mod assess;
+pub mod desk;
 mod film;
 mod outcome;
 mod run;
@@ -8,14 +9,14 @@ mod second_look;
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix6, Vector2};
+use nalgebra::{Matrix2, Matrix6, Vector2, Vector3};
 
 use crate::diagnosis::{Diagnosis, Evidence, Policy, Trial};
 use crate::features::PictureError;
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::learning::Classifier;
 
-pub use self::film::{FilmOutcome, FilmTask, OrientFn, orient_film};
+pub use self::film::{FilmOutcome, FilmTask, OrientFn, hold_at_yellow, orient_film};
 pub use self::run::orient;
 pub use crate::diagnosis::precision::GroundPrecision;
 pub use crate::estimation::Guarantee;
@@ -145,8 +146,13 @@ pub struct ControlPointResult {
     pub kind: ControlKind,
     /// Its reference point under the approximate orientation, in pixels of the file.
     pub predicted_px: Option<Vector2<f64>>,
+    /// Where its reference point is with the probability of three standard deviations, if the approximation says
+    /// anything of it.
+    pub search_region_px: Option<Ellipse>,
     /// Its reference point where the adjustment found it; `None` if it took no part.
     pub located_px: Option<Vector2<f64>>,
+    /// Its reference point under the adjusted orientation.
+    pub projected_px: Option<Vector2<f64>>,
     /// Whether it took part in the last step.
     pub used: bool,
     /// Its edges that have a line segment in the image.
@@ -155,6 +161,29 @@ pub struct ControlPointResult {
     pub residual_px: Option<f64>,
     /// How the result depends on it, if it took part and the others predict it.
     pub sensitivity: Option<ControlPointSensitivity>,
+}
+
+/// An ellipse in the image, in pixels of the file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ellipse {
+    /// Its middle.
+    pub centre_px: Vector2<f64>,
+    /// The longer semi-axis and the shorter one.
+    pub semi_axes_px: [f64; 2],
+    /// Direction of the longer one, from x towards y.
+    pub angle_rad: f64,
+}
+
+impl Ellipse {
+    /// The ellipse of so many standard deviations; `None` if the covariance has no axes.
+    #[must_use]
+    pub fn of_covariance(centre_px: Vector2<f64>, covariance_px2: &Matrix2<f64>, sigmas: f64) -> Option<Self> {
+        let (a, b, c) = (covariance_px2[(0, 0)], covariance_px2[(0, 1)], covariance_px2[(1, 1)]);
+        let (middle, half) = ((a + c) / 2.0, ((a - c) / 2.0).hypot(b));
+        let semi_axes_px = [middle + half, middle - half].map(|variance| sigmas * variance.max(0.0).sqrt());
+        let angle_rad = 0.5 * (2.0 * b).atan2(a - c);
+        semi_axes_px[0].is_finite().then_some(Self { centre_px, semi_axes_px, angle_rad })
+    }
 }
 
 /// How the result depends on a control point.
@@ -262,6 +291,8 @@ pub struct Outcome {
     pub trials: Vec<Trial>,
     /// Mean height of the control used, in the local frame: that of the plane on which errors are measured.
     pub ground_height_m: Option<f64>,
+    /// What the image shows of that plane: the rim of its frame on the ground; empty where a part of it looks past.
+    pub footprint_m: Vec<Vector3<f64>>,
     /// What it cost; `None` if there was nothing to search for.
     pub cost: Option<Cost>,
 }
@@ -276,4 +307,24 @@ pub enum Fault {
     /// The observer asked for it.
     #[error("cancelled")]
     Cancelled,
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation2;
+
+    use super::*;
+
+    #[test]
+    fn the_axes_of_an_ellipse_are_those_its_covariance_was_turned_from() {
+        for angle_rad in [-1.2, -0.3, 0.0, 0.7, 1.5] {
+            let turn = Rotation2::new(angle_rad);
+            let covariance = turn * Matrix2::new(9.0, 0.0, 0.0, 4.0) * turn.inverse();
+            let ellipse = Ellipse::of_covariance(Vector2::new(5.0, 6.0), &covariance, 3.0).unwrap();
+            assert!((ellipse.angle_rad - angle_rad).abs() < 1e-12);
+            assert!((ellipse.semi_axes_px[0] - 9.0).abs() < 1e-12 && (ellipse.semi_axes_px[1] - 6.0).abs() < 1e-12);
+        }
+        let unknown = Matrix2::new(f64::NAN, 0.0, 0.0, 1.0);
+        assert_eq!(Ellipse::of_covariance(Vector2::zeros(), &unknown, 3.0), None);
+    }
 }

@@ -1,15 +1,17 @@
 //! What became of every control point and every edge.
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
-use super::{ControlKind, ControlPointResult, ControlPointSensitivity, EdgeResult, GroundBounds, Outcome, PairResult};
+use super::{
+    ControlKind, ControlPointResult, ControlPointSensitivity, EdgeResult, Ellipse, GroundBounds, Outcome, PairResult,
+};
 use crate::diagnosis::{Diagnosis, GroundSensitivity, Sensitivities};
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::orientation::ControlPoint;
 use crate::orientation::adjust::{Adjustment, Building};
 use crate::orientation::extract::ObservedSegment;
 use crate::orientation::matching::Match;
-use crate::orientation::predict::{edges_on_frame_px, on_frame};
+use crate::orientation::predict::{Prediction, edges_on_frame_px, on_frame};
 use crate::orientation::search::Search;
 
 impl Outcome {
@@ -26,6 +28,7 @@ impl Outcome {
             evidence: None,
             trials: Vec::new(),
             ground_height_m: None,
+            footprint_m: Vec::new(),
             cost: None,
         }
     }
@@ -138,7 +141,7 @@ fn covered_px<'m>(edge: &Segment2, matches: impl Iterator<Item = &'m Match>, obs
 pub(super) fn in_view(search: &Search, adjustment: Option<&Adjustment>) -> impl Iterator<Item = usize> {
     let orientation = adjustment.map_or(search.approximation.orientation, |a| a.orientation);
     let c = search.camera.principal_distance_px;
-    (0..search.control.len()).filter(move |index| {
+    (0..search.control.len()).filter(|index| search.is_on(*index)).filter(move |index| {
         let image = orientation.reduced_px(c, search.control[*index].reference_m);
         let took_part = || adjustment.is_some_and(|a| a.buildings.iter().any(|b| b.control_point == *index));
         image.is_some_and(|p| on_frame(search.camera, p, 0.0)) || took_part()
@@ -159,7 +162,9 @@ fn control_point_result(
         name: control_point.name.clone(),
         kind: if control_point.scene.is_some() { ControlKind::Scene } else { ControlKind::Lines },
         predicted_px: approximate.pixel(camera, control_point.reference_m),
+        search_region_px: search_region_px(search, control_point),
         located_px: None,
+        projected_px: adjustment.and_then(|a| a.orientation.pixel(camera, control_point.reference_m)),
         used: false,
         segments_matched: 0,
         residual_px: None,
@@ -192,6 +197,39 @@ fn control_point_result(
         result.residual_px = (count > 0.0).then(|| (squares / count).sqrt());
     }
     result
+}
+
+/// Of the ellipses around predicted points.
+const REGION_SIGMAS: f64 = 3.0;
+
+/// Where the approximation, with what it says of its errors, has a reference point; `None` where the heading is unknown.
+fn search_region_px(search: &Search, control_point: &ControlPoint) -> Option<Ellipse> {
+    let Search { camera, approximation, .. } = *search;
+    approximation.sigma_kappa_rad?;
+    let prior = approximation.prior(&approximation.orientation)?;
+    let prediction = Prediction { orientation: prior.orientation, covariance: prior.information.try_inverse()? };
+    let (image_px, covariance) = prediction.image_of(camera, control_point.reference_m, control_point.sigma_m)?;
+    let by_reduced = camera.pixel_by_reduced();
+    let in_file = by_reduced * covariance * by_reduced.transpose();
+    Ellipse::of_covariance(camera.pixel_from_reduced(image_px), &in_file, REGION_SIGMAS)
+}
+
+/// Points on each side of the frame: straight sides are curved on the ground by the distortion.
+const FOOTPRINT_SIDE: usize = 6;
+
+/// The rim of the frame on the horizontal plane at `height_m`, without the first point again; empty if a part of it sees
+/// no ground.
+pub(super) fn footprint_m(camera: &Camera, orientation: &ExteriorOrientation, height_m: f64) -> Vec<Vector3<f64>> {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(Vector2::from);
+    let shares = (0..4).flat_map(|k| {
+        let (from, to) = (corners[k], corners[(k + 1) % 4]);
+        (0..FOOTPRINT_SIDE).map(move |step| from.lerp(&to, step as f64 / FOOTPRINT_SIDE as f64))
+    });
+    let on_ground = |share: Vector2<f64>| {
+        let reduced_px = camera.reduced_from_pixel(camera.frame_px(share.x, share.y))?;
+        orientation.ground_point_m(camera.principal_distance_px, reduced_px, height_m)
+    };
+    shares.map(on_ground).collect::<Option<Vec<_>>>().unwrap_or_default()
 }
 
 /// The rim of a scene's picture on the ground, in pixels of the file; nothing of a building.

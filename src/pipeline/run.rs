@@ -52,38 +52,56 @@ pub fn orient(
     task: &Task,
     observer: &dyn Observer,
 ) -> Result<Outcome, Fault> {
-    let run = Run { picture, task, observer, done: 0.0 };
-    let stated = &task.approximation;
+    Ok(attempt(Run { picture, task, observer, done: 0.0 }, control)?.outcome)
+}
+
+/// The same, with all that another look at the image needs.
+pub(super) fn attempt<'a>(run: Run<'a>, control: &[ControlPoint]) -> Result<Attempt<'a>, Fault> {
+    let stated = &run.task.approximation;
     if stated.prior(&stated.orientation).is_none() {
         let detail = "the approximate rotation looks along the horizon (phi near 90 degrees), where omega and kappa are \
                       not defined: only images that look down can be oriented";
-        return Ok(Outcome::without_orientation(not_oriented("approximation_degenerate", detail.to_owned())));
+        let diagnosis = not_oriented("approximation_degenerate", detail.to_owned());
+        return Ok(Attempt::without_search(Outcome::without_orientation(diagnosis)));
     }
     let first = run.around(control, stated)?;
     if first.is_found() || first.outcome.diagnosis.verdict != Verdict::Red {
-        return Ok(first.outcome);
+        return Ok(first);
     }
     // nothing that can be used: the approximation may be worse than it says
-    let Some(erring_more) = stated.erring_more() else { return Ok(first.outcome) };
+    let Some(erring_more) = stated.erring_more() else { return Ok(first) };
     let again = Run { done: ALMOST_DONE, ..run }.around(control, &erring_more)?;
     let cost = again.outcome.cost.map(|again| again.after(first.outcome.cost.as_ref()));
-    let better = if again.best_score > first.best_score { again } else { first };
-    Ok(Outcome { cost, ..better.outcome })
+    let mut better = if again.best_score > first.best_score { again } else { first };
+    better.outcome.cost = cost;
+    Ok(better)
 }
 
 /// Where the progress of a second search begins: the first one was thought to be the only one.
 const ALMOST_DONE: f64 = 0.97;
 
 /// What a search around an approximation led to.
-struct Attempt {
-    outcome: Outcome,
+pub(super) struct Attempt<'a> {
+    pub(super) outcome: Outcome,
     /// That of its best hypothesis.
     best_score: f64,
+    /// `None` where there was nothing to search for.
+    pub(super) searched: Option<Searched<'a>>,
 }
 
-impl Attempt {
-    fn without_hypothesis(outcome: Outcome) -> Self {
-        Self { outcome, best_score: 0.0 }
+/// What was searched, and what was found on the way.
+pub(super) struct Searched<'a> {
+    pub(super) control: Vec<ControlPoint>,
+    pub(super) approximation: Approximation,
+    pub(super) extraction: Extraction<'a>,
+    pub(super) best: Option<Solution>,
+    /// All orientations that were taken into account, with their log odds.
+    pub(super) seen: Vec<(ExteriorOrientation, f64)>,
+}
+
+impl Attempt<'_> {
+    fn without_search(outcome: Outcome) -> Self {
+        Self { outcome, best_score: 0.0, searched: None }
     }
 
     /// Whether a wrong hypothesis would not have such a score.
@@ -93,12 +111,13 @@ impl Attempt {
 }
 
 /// What all stages of a run share.
+#[derive(Clone, Copy)]
 pub(super) struct Run<'a> {
-    picture: &'a dyn Picture,
+    pub(super) picture: &'a dyn Picture,
     pub(super) task: &'a Task,
-    observer: &'a dyn Observer,
+    pub(super) observer: &'a dyn Observer,
     /// The share of the work that was done before.
-    done: f64,
+    pub(super) done: f64,
 }
 
 /// An orientation that was adjusted with lines.
@@ -112,7 +131,7 @@ pub(super) struct Solution {
     pub(super) consensus: ConsensusResult,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
     pub(super) fn enter(&self, stage: Stage, fraction: f64) -> Result<(), Fault> {
         self.progress(stage, fraction);
         if self.observer.cancelled() { Err(Fault::Cancelled) } else { Ok(()) }
@@ -123,20 +142,20 @@ impl Run<'_> {
     }
 
     /// With an approximation and the control points that it may have in view.
-    fn around(&self, control: &[ControlPoint], approximation: &Approximation) -> Result<Attempt, Fault> {
+    fn around(&self, control: &[ControlPoint], approximation: &Approximation) -> Result<Attempt<'a>, Fault> {
         self.enter(Stage::Predict, 0.0)?;
         let camera = &self.task.camera;
         let in_view = maybe_in_view(control, camera, approximation);
-        let control = &well_spread(&in_view, MOST_CONTROL_POINTS);
+        let control = well_spread(&in_view, MOST_CONTROL_POINTS);
         if control.is_empty() {
             let detail = "no control point lies where this image can look: import control points for this area, or \
                           check the approximate position";
             let diagnosis = not_oriented("no_control_in_view", detail.to_owned());
-            return Ok(Attempt::without_hypothesis(Outcome::without_orientation(diagnosis)));
+            return Ok(Attempt::without_search(Outcome::without_orientation(diagnosis)));
         }
-        let search = Search::new(camera, control, approximation);
+        let search = Search::new(camera, &control, approximation);
         self.enter(Stage::Extract, 0.05)?;
-        let edge_px = typical_edge_px(control, camera, approximation);
+        let edge_px = typical_edge_px(&control, camera, approximation);
         let mut extraction = Extraction::new(self.picture, camera, edge_px).for_scenes(search.reduction());
         self.enter(Stage::Locate, 0.1)?;
         let go_on = |done: f64| {
@@ -155,18 +174,32 @@ impl Run<'_> {
         self.enter(Stage::Diagnose, ALMOST_DONE)?;
         let cost =
             Some(Cost { search: report, adjusted: promising, pixels_read: extraction.pixels_read(), widened: false });
-        let Some(best) = solutions.first() else {
-            let outcome = Outcome { cost, ..self.not_found(&search, &hypotheses) };
-            return Ok(Attempt { outcome, best_score });
-        };
-        let adjusted = solutions.iter().skip(1).map(|s| (&s.adjustment.orientation, s.log_odds));
+        let adjusted = solutions.iter().map(|s| (s.adjustment.orientation, s.log_odds));
         let not_adjusted = unsolved.into_iter().chain(&hypotheses[promising..]);
-        let not_adjusted = not_adjusted.map(|h| (&h.prediction.orientation, h.score));
-        let rivals = adjusted.chain(not_adjusted).filter(|(other, _)| self.differ(&search, best, other));
-        let runner_up_log_odds = rivals.map(|(_, log_odds)| log_odds).fold(0.0, f64::max);
-        let rivals = Rivals { runner_up_log_odds, trials: selected(trials) };
-        let outcome = Outcome { cost, ..self.outcome(&search, &extraction, best, rivals) };
-        Ok(Attempt { outcome, best_score })
+        let not_adjusted = not_adjusted.map(|h| (h.prediction.orientation, h.score));
+        let seen: Vec<(ExteriorOrientation, f64)> = adjusted.chain(not_adjusted).collect();
+        let best = solutions.into_iter().next();
+        let outcome = match &best {
+            Some(best) => self.outcome(&search, &extraction, best, self.rivals(&search, best, &seen, trials)),
+            None => self.not_found(&search, &hypotheses),
+        };
+        let outcome = Outcome { cost, ..outcome };
+        let approximation = approximation.clone();
+        let searched = Searched { control, approximation, extraction, best, seen };
+        Ok(Attempt { outcome, best_score, searched: Some(searched) })
+    }
+
+    /// What a solution is held against, of all that was seen.
+    pub(super) fn rivals(
+        &self,
+        search: &Search,
+        best: &Solution,
+        seen: &[(ExteriorOrientation, f64)],
+        trials: Vec<Trial>,
+    ) -> Rivals {
+        let rivals = seen.iter().filter(|(other, _)| self.differ(search, best, other));
+        let runner_up_log_odds = rivals.map(|(_, log_odds)| *log_odds).fold(0.0, f64::max);
+        Rivals { runner_up_log_odds, trials: selected(trials) }
     }
 
     /// What hypotheses lead to, the best first, and those that lead to nothing.
@@ -190,7 +223,7 @@ impl Run<'_> {
     }
 
     /// Points, then lines.
-    fn solve(
+    pub(super) fn solve(
         &self,
         search: &Search,
         hypothesis: &Hypothesis,
@@ -303,7 +336,7 @@ impl Run<'_> {
         }
     }
 
-    fn not_found(&self, search: &Search, hypotheses: &[Hypothesis]) -> Outcome {
+    pub(super) fn not_found(&self, search: &Search, hypotheses: &[Hypothesis]) -> Outcome {
         let located = hypotheses.first().map_or(0, |h| h.located.len());
         let detail = format!(
             "of {} control points around, {located} were found where one orientation has them, and their lines do not \

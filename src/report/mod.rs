@@ -1,6 +1,8 @@
 //! The answer: from the local frame of the adjustment into the CRS that was asked for, as the contract writes it.
 
+pub mod drawing;
 pub mod interior;
+pub mod map;
 pub mod overlay;
 pub mod position;
 pub mod result;
@@ -71,6 +73,7 @@ pub fn result(
         ground_precision: outcome.ground_precision.iter().filter_map(|p| ground_point(p, frame, output)).collect(),
         consensus: outcome.consensus.as_ref().map(consensus),
         pairs: pairs(outcome),
+        tolerance_m: outcome.evidence.as_ref().and_then(|evidence| finite(evidence.tolerance_m)),
         diagnosis: diagnosis(&outcome.diagnosis, decides),
         warnings,
         approximation,

@@ -8,11 +8,9 @@ mod lettering;
 
 use image::{ImageEncoder as _, RgbImage};
 use nalgebra::Vector2;
-use serde::{Deserialize, Serialize};
 
+use super::drawing::{Drawing, DrawnPoint};
 use crate::features::{Picture, PictureError, PixelRect};
-use crate::geometry::Segment2;
-use crate::pipeline::Outcome;
 use canvas::{Canvas, Colour};
 
 // Okabe and Ito's palette, which the colour-blind tell apart as well
@@ -22,67 +20,12 @@ const UNUSED: Colour = Colour([204, 121, 167]);
 const MATCHED: Colour = Colour([240, 228, 66]);
 const LETTERS: Colour = Colour([255, 255, 255]);
 
-/// What is drawn, in pixels of the file; kept with the result, so that the picture can be made at any time.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Drawing {
-    points: Vec<DrawnPoint>,
-    edges: Vec<DrawnEdge>,
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct DrawnPoint {
-    name: String,
-    predicted_px: Option<[f64; 2]>,
-    located_px: Option<[f64; 2]>,
-    used: bool,
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct DrawnEdge {
-    point: usize,
-    projected_px: [[f64; 2]; 2],
-    matched_px: Vec<[[f64; 2]; 2]>,
-}
-
-fn ends(segment: &Segment2) -> [[f64; 2]; 2] {
-    [segment.start.into(), segment.end.into()]
-}
-
-impl Drawing {
-    /// What there is to draw of an outcome.
-    #[must_use]
-    pub fn of(outcome: &Outcome) -> Self {
-        let points = outcome.control_points.iter().map(|point| DrawnPoint {
-            name: point.name.clone(),
-            predicted_px: point.predicted_px.map(Into::into),
-            located_px: point.located_px.map(Into::into),
-            used: point.used,
-        });
-        let edges = outcome.edges.iter().map(|edge| DrawnEdge {
-            point: edge.control_point,
-            projected_px: ends(&edge.projected_px),
-            matched_px: edge.matched_px.iter().map(ends).collect(),
-        });
-        Self { points: points.collect(), edges: edges.collect() }
-    }
-
-    /// Where a control point was located; of another the middle of its projected edges, since the approximation may
-    /// have predicted it far from them.
-    fn place_of_name(&self, index: usize) -> Option<[f64; 2]> {
-        let point = self.points.get(index)?;
-        let edges = self.edges.iter().filter(|edge| edge.point == index);
-        let ends: Vec<Vector2<f64>> = edges.flat_map(|edge| edge.projected_px).map(Into::into).collect();
-        let middle = (!ends.is_empty()).then(|| (ends.iter().sum::<Vector2<f64>>() / ends.len() as f64).into());
-        point.located_px.or(middle).or(point.predicted_px)
-    }
-}
-
 impl DrawnPoint {
     fn colour(&self) -> Colour {
-        match (self.used, self.located_px) {
-            (true, _) => USED,
-            (false, Some(_)) => REJECTED,
-            (false, None) => UNUSED,
+        match self.state() {
+            "matched" => USED,
+            "rejected" => REJECTED,
+            _ => UNUSED,
         }
     }
 }
@@ -151,6 +94,7 @@ pub(super) fn encode(image: &RgbImage, format: Format) -> Result<Vec<u8>, Pictur
 mod tests {
     use super::*;
     use crate::features::GreyWindow;
+    use crate::report::drawing::DrawnEdge;
 
     struct Grey;
 
@@ -167,12 +111,19 @@ mod tests {
 
     fn drawing(used: bool, located_px: Option<[f64; 2]>) -> Drawing {
         Drawing {
-            points: vec![DrawnPoint { name: "W1".into(), predicted_px: Some([20.0, 80.0]), located_px, used }],
+            points: vec![DrawnPoint {
+                name: "W1".into(),
+                predicted_px: Some([20.0, 80.0]),
+                located_px,
+                used,
+                ..DrawnPoint::default()
+            }],
             edges: vec![DrawnEdge {
                 point: 0,
                 projected_px: [[100.0, 10.0], [180.0, 10.0]],
                 matched_px: vec![[[100.0, 30.0], [180.0, 30.0]]],
             }],
+            ..Drawing::default()
         }
     }
 

@@ -42,6 +42,9 @@ pub struct OrientationResult {
     /// Which of the located control points agree, and how that was searched.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub consensus: Option<ConsensusReport>,
+    /// The largest planimetric error on the ground that is accepted: what the verdict is about.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tolerance_m: Option<f64>,
     /// The verdict.
     pub diagnosis: DiagnosisReport,
     /// What the user should know besides.

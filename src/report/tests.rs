@@ -35,7 +35,9 @@ fn outcome() -> Outcome {
         name: "church".into(),
         kind: ControlKind::Lines,
         predicted_px: Some(Vector2::new(100.0, 200.0)),
+        search_region_px: None,
         located_px: Some(Vector2::new(110.0, 190.0)),
+        projected_px: None,
         used,
         segments_matched: 7,
         residual_px: Some(0.4),
@@ -52,6 +54,7 @@ fn outcome() -> Outcome {
         evidence: None,
         trials: vec![],
         ground_height_m: None,
+        footprint_m: Vec::new(),
         pairs: vec![PairResult {
             control_points: [0, 0],
             test: 4.0,

@@ -15,7 +15,7 @@ use sqlx::FromRow;
 use tokio::io::AsyncWriteExt as _;
 use uuid::Uuid;
 
-use super::{Store, StoreError, now};
+use super::{Store, StoreError, now, overviews};
 use crate::database::query;
 
 pub(super) const FOLDER: &str = "images";
@@ -32,6 +32,8 @@ pub struct Image {
     pub sha256: [u8; 32],
     /// Length of the file.
     pub size_bytes: u64,
+    /// What its file was called where it came from, if anybody has said.
+    pub name: Option<String>,
     /// What the file is.
     pub header: Header,
     /// When it was first uploaded.
@@ -49,6 +51,8 @@ pub struct Header {
     pub height_px: u32,
     /// Where it was taken, if EXIF says.
     pub position: Option<GeographicPosition>,
+    /// Make and model of the camera, if EXIF says.
+    pub camera_model: Option<String>,
 }
 
 /// A position as EXIF gives it.
@@ -76,6 +80,8 @@ struct Row {
     latitude_deg: Option<f64>,
     height_m: Option<f64>,
     created_at: DateTime<Utc>,
+    name: Option<String>,
+    camera_model: Option<String>,
 }
 
 impl TryFrom<Row> for Image {
@@ -89,11 +95,13 @@ impl TryFrom<Row> for Image {
             }
             _ => None,
         };
+        let Row { format, width_px, height_px, camera_model, .. } = row;
         Ok(Self {
             id: row.id,
             sha256: row.sha256.try_into().map_err(|bytes: Vec<u8>| unknown("SHA-256", hexadecimal(&bytes)))?,
             size_bytes: u64::try_from(row.size_bytes).map_err(|_| unknown("size", row.size_bytes.to_string()))?,
-            header: Header { format: row.format, width_px: row.width_px, height_px: row.height_px, position },
+            name: row.name,
+            header: Header { format, width_px, height_px, position, camera_model },
             created_at: row.created_at,
         })
     }
@@ -192,11 +200,17 @@ impl Store {
     }
 
     /// Makes an upload visible as `id`, unless the same bytes are there already; whether it is new comes with it. An image
-    /// that was removed comes back under the id that it had.
+    /// that was removed comes back under the id that it had. The first name that it was given stays.
     ///
     /// # Errors
     /// [`StoreError`]; then nothing is visible.
-    pub async fn keep_image(&self, id: Uuid, received: Received, header: &Header) -> Result<(Image, bool), StoreError> {
+    pub async fn keep_image(
+        &self,
+        id: Uuid,
+        received: Received,
+        header: &Header,
+        name: Option<&str>,
+    ) -> Result<(Image, bool), StoreError> {
         match &self.bucket {
             Some(bucket) => bucket.put(&received.sha256, received.path()).await?,
             None => {
@@ -221,7 +235,8 @@ impl Store {
                 .await?;
         let inserted = query(
             "INSERT INTO images (id, sha256, size_bytes, format, width_px, height_px, longitude_deg, latitude_deg,
-             height_m, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10) ON CONFLICT DO NOTHING",
+             height_m, camera_model, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)
+             ON CONFLICT DO NOTHING",
         )
         .bind(id)
         .bind(received.sha256.as_slice())
@@ -232,9 +247,17 @@ impl Store {
         .bind(header.position.map(|p| p.longitude_deg))
         .bind(header.position.map(|p| p.latitude_deg))
         .bind(header.position.and_then(|p| p.height_m))
+        .bind(&header.camera_model)
         .bind(now())
         .execute(&mut transaction)
         .await?;
+        if let Some(name) = name {
+            query("UPDATE images SET name = $1 WHERE sha256 = $2 AND name IS NULL")
+                .bind(name)
+                .bind(received.sha256.as_slice())
+                .execute(&mut transaction)
+                .await?;
+        }
         let row: Row = query("SELECT * FROM images WHERE sha256 = $1")
             .bind(received.sha256.as_slice())
             .fetch_one(&mut transaction)
@@ -287,9 +310,10 @@ impl Store {
         }
     }
 
-    /// Removes the file of an image, with an object store its object and the copy of it that is here; nothing if it is
-    /// not there.
+    /// Removes the file of an image, with an object store its object and the copy of it that is here, and its small
+    /// pictures; nothing if it is not there.
     pub(super) async fn remove_image_file(&self, sha256: &[u8; 32]) -> Result<(), StoreError> {
+        self.remove_small(sha256).await?;
         if let Some(bucket) = &self.bucket {
             bucket.remove(sha256).await?;
         }
@@ -311,11 +335,14 @@ impl Store {
             removed += usize::from(!living && fs::remove_file(&path).is_ok());
         }
         for path in files_of(&self.folder.join(FOLDER))? {
-            let old = fs::metadata(&path)
-                .and_then(|facts| facts.modified())
-                .is_ok_and(|time| time.elapsed().is_ok_and(|age| age > FILE_WITHOUT_ROW_KEPT));
             // with an object store they are copies, which make room by themselves
-            if old && self.bucket.is_none() && !self.has_row(&path).await? {
+            if is_old(&path) && self.bucket.is_none() && !self.has_row(&path).await? {
+                removed += usize::from(fs::remove_file(&path).is_ok());
+            }
+        }
+        // another machine may have removed the image
+        for path in files_of(&self.folder.join(overviews::FOLDER))? {
+            if is_old(&path) && !self.has_row(Path::new(&overviews::digits_of(&path))).await? {
                 removed += usize::from(fs::remove_file(&path).is_ok());
             }
         }
@@ -371,6 +398,12 @@ pub(super) async fn remove_if_there(path: &Path) -> Result<(), StoreError> {
         Err(source) if source.kind() != std::io::ErrorKind::NotFound => Err(file_error("cannot remove", path, source)),
         _ => Ok(()),
     }
+}
+
+/// Whether a file is older than any upload or drawing that is just coming to its end.
+fn is_old(path: &Path) -> bool {
+    let modified = fs::metadata(path).and_then(|facts| facts.modified());
+    modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > FILE_WITHOUT_ROW_KEPT))
 }
 
 fn is_unlocked(path: &Path) -> bool {

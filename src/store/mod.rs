@@ -2,7 +2,7 @@
 //! and the answers to repeated requests, in one data folder.
 //!
 //! With SQLite, `gable.db` is a database in write-ahead mode that syncs every commit; `images/` holds the uploaded files by
-//! their SHA-256; `incoming/` the uploads under way. Other rooms keep their own tables in the same database through
+//! their SHA-256; `overviews/` small pictures of them; `incoming/` the uploads under way. Other rooms keep their own tables in the same database through
 //! [`Store::database`].
 
 pub mod accounts;
@@ -17,10 +17,12 @@ pub mod keys;
 pub mod mark_templates;
 mod objects;
 pub mod orientations;
+pub mod overviews;
 pub mod passwords;
 pub mod recent;
 pub mod references;
 pub mod removal;
+pub mod reviews;
 pub mod sightings;
 pub mod uploads;
 pub mod webhooks;
@@ -136,9 +138,8 @@ impl Store {
     /// [`StoreError`] if a part of it cannot be used.
     pub async fn connect(place: &Place<'_>) -> Result<Self, StoreError> {
         let folder = place.folder;
-        for part in
-            [folder.to_owned(), folder.join(images::FOLDER), folder.join(images::INCOMING), folder.join(TRAINING)]
-        {
+        let parts = ["", images::FOLDER, images::INCOMING, overviews::FOLDER, TRAINING].map(|part| folder.join(part));
+        for part in parts {
             std::fs::create_dir_all(&part).map_err(|source| StoreError::File {
                 action: "cannot create",
                 path: part.clone(),

@@ -1,6 +1,8 @@
 //! Orientations: what was asked for, how far it is, and what came out. The row is the truth; every change of its status
 //! is one conditional `UPDATE`, so that whoever comes too late changes nothing.
 
+mod diagnosis;
+mod listed;
 mod waiting;
 
 use chrono::{DateTime, Utc};
@@ -10,8 +12,10 @@ use uuid::Uuid;
 
 use super::sightings::{self, Sighting};
 use super::{Store, StoreError, now, webhooks};
-use crate::database::{Query, query};
+use crate::database::query;
 
+pub use diagnosis::{DiagnosisInShort, ReasonInShort};
+pub use listed::{Filter, Review};
 pub(super) use waiting::CLOCK;
 pub use waiting::{Abandoned, Claim, LEASE, Priority, Turn, insert, queued, recover, release, waiting};
 
@@ -106,6 +110,16 @@ pub struct Orientation {
     pub fate: Option<String>,
     /// Its place among the waiting.
     pub turn: Turn,
+    /// Of its result, what lists show.
+    pub diagnosis: Option<DiagnosisInShort>,
+    /// What staff have decided: `accepted` or `rejected`.
+    pub review: Option<String>,
+    /// What its image is called; only where it is read to be shown.
+    pub image_name: Option<String>,
+    /// What its camera is called; only where it is read to be shown.
+    pub camera_name: Option<String>,
+    /// The block that it belongs to; only where it is read to be shown.
+    pub block_id: Option<Uuid>,
 }
 
 /// What is asked for.
@@ -132,6 +146,8 @@ pub struct NewOrientation {
 pub struct Finished {
     /// `green`, `yellow` or `red`.
     pub verdict: String,
+    /// What lists show of the result.
+    pub diagnosis: DiagnosisInShort,
     /// The result as the contract has it.
     pub result: String,
     /// What the overlay shows.
@@ -140,21 +156,6 @@ pub struct Finished {
     pub record: String,
     /// What an accepted image says of its control points; none of one that was not accepted.
     pub sightings: Vec<(String, Sighting)>,
-}
-
-/// What a list of orientations is restricted to.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Filter {
-    /// Only of this status.
-    pub status: Option<Status>,
-    /// Only with this verdict.
-    pub verdict: Option<String>,
-    /// Only of this image.
-    pub image_id: Option<Uuid>,
-    /// Only those asked for at this time or later.
-    pub since: Option<DateTime<Utc>>,
-    /// Only those with a smaller id.
-    pub before: Option<Uuid>,
 }
 
 #[derive(FromRow)]
@@ -179,6 +180,14 @@ struct Row {
     fate: Option<String>,
     priority: i64,
     turn: i64,
+    diagnosis: Option<String>,
+    review: Option<String>,
+    #[sqlx(default)]
+    image_name: Option<String>,
+    #[sqlx(default)]
+    camera_name: Option<String>,
+    #[sqlx(default)]
+    block_id: Option<Uuid>,
 }
 
 impl TryFrom<Row> for Orientation {
@@ -205,6 +214,11 @@ impl TryFrom<Row> for Orientation {
             finished_at: row.finished_at,
             fate: row.fate,
             turn: Turn { priority: row.priority.try_into()?, number: row.turn },
+            diagnosis: row.diagnosis.map(DiagnosisInShort::stored).transpose()?,
+            review: row.review,
+            image_name: row.image_name,
+            camera_name: row.camera_name,
+            block_id: row.block_id,
         })
     }
 }
@@ -215,18 +229,9 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn orientation(&self, id: Uuid) -> Result<Option<Orientation>, StoreError> {
-        let row: Option<Row> =
-            query("SELECT * FROM orientations WHERE id = $1").bind(id).fetch_optional(&self.database).await?;
+        let shown = query("SELECT o.*").then(listed::NAMES).then(" FROM orientations AS o WHERE o.id = ?").bind(id);
+        let row: Option<Row> = shown.fetch_optional(&self.database).await?;
         row.map(Orientation::try_from).transpose()
-    }
-
-    /// At most `limit` orientations, the newest first. Results and drawings are left out.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub async fn orientations(&self, filter: &Filter, limit: u32) -> Result<Vec<Orientation>, StoreError> {
-        let rows: Vec<Row> = listed(filter, limit).fetch_all(&self.database).await?;
-        rows.into_iter().map(Orientation::try_from).collect()
     }
 
     /// Writes the result of an attempt; `false` if the lease is not valid any more, and then nothing is written.
@@ -238,19 +243,21 @@ impl Store {
         let finished_at = now();
         let done = query(
             "UPDATE orientations SET status = 'succeeded', verdict = $1, result = $2, drawing = $3, record = $4, progress = 1,
-             finished_at = $5, lease = NULL WHERE id = $6 AND status = 'running' AND lease = $7",
+             finished_at = $5, diagnosis = $6, lease = NULL WHERE id = $7 AND status = 'running' AND lease = $8",
         )
         .bind(&finished.verdict)
         .bind(&finished.result)
         .bind(&finished.drawing)
         .bind(&finished.record)
         .bind(finished_at)
+        .bind(finished.diagnosis.to_text()?)
         .bind(claim.id)
         .bind(claim.lease)
         .execute(&mut transaction)
         .await?;
         let written = done == 1;
         if written {
+            diagnosis::note_reasons(&mut transaction, claim.id, &finished.diagnosis).await?;
             sightings::note(&mut transaction, claim.id, finished_at, &finished.sightings).await?;
             webhooks::note_end(&mut transaction, claim.id).await?;
         }
@@ -306,21 +313,8 @@ impl Store {
     }
 }
 
-fn listed(filter: &Filter, limit: u32) -> Query {
-    query(
-        "SELECT id, image_id, camera_id, prepared, status, stage, progress, attempts, error_code, error, verdict,
-         CAST(NULL AS TEXT) AS result, CAST(NULL AS TEXT) AS drawing, created_at, started_at, finished_at,
-         fate, priority, turn FROM orientations WHERE TRUE",
-    )
-    .and("status = ?", filter.status.map(Status::name))
-    .and("verdict = ?", filter.verdict.as_deref())
-    .and("image_id = ?", filter.image_id)
-    .and("created_at >= ?", filter.since)
-    .and("id < ?", filter.before)
-    .then(" ORDER BY id DESC LIMIT ?")
-    .bind(limit)
-}
-
+#[cfg(test)]
+mod list_tests;
 #[cfg(test)]
 pub(crate) mod million;
 #[cfg(test)]

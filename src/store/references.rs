@@ -5,7 +5,7 @@ use sqlx::FromRow;
 use uuid::Uuid;
 
 use super::{Store, StoreError, now};
-use crate::database::query;
+use crate::database::{Transaction, query};
 
 /// The reference orientation of an image. Geocentric: it serves every local frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,6 +59,52 @@ pub struct StoredReferences {
     pub updated: usize,
 }
 
+/// Stores a reference; `by_review_of` is the orientation that staff have accepted, if they have given it so.
+async fn put(
+    transaction: &mut Transaction,
+    reference: &ReferenceOrientation,
+    by_review_of: Option<Uuid>,
+) -> Result<(), StoreError> {
+    let rotation: Vec<u8> = reference.camera_from_geocentric.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let [x, y, z] = reference.centre_geocentric_m;
+    query(
+        "INSERT INTO reference_orientations
+         (image_id, area, centre_x_m, centre_y_m, centre_z_m, rotation, updated_at, by_review_of)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8)
+         ON CONFLICT (image_id) DO UPDATE SET area = excluded.area, centre_x_m = excluded.centre_x_m,
+         centre_y_m = excluded.centre_y_m, centre_z_m = excluded.centre_z_m, rotation = excluded.rotation,
+         updated_at = excluded.updated_at, by_review_of = excluded.by_review_of
+         WHERE excluded.by_review_of IS NULL OR reference_orientations.by_review_of IS NOT NULL",
+    )
+    .bind(reference.image_id)
+    .bind(&reference.area)
+    .bind(x)
+    .bind(y)
+    .bind(z)
+    .bind(rotation)
+    .bind(reference.updated_at)
+    .bind(by_review_of)
+    .execute(transaction)
+    .await?;
+    Ok(())
+}
+
+/// In the place of what an earlier decision of the same orientation has given. What comes from outside stays.
+pub(super) async fn replace_reviewed(
+    transaction: &mut Transaction,
+    orientation_id: Uuid,
+    reference: Option<&ReferenceOrientation>,
+) -> Result<(), StoreError> {
+    query("DELETE FROM reference_orientations WHERE by_review_of = $1")
+        .bind(orientation_id)
+        .execute(&mut *transaction)
+        .await?;
+    match reference {
+        Some(reference) => put(transaction, reference, Some(orientation_id)).await,
+        None => Ok(()),
+    }
+}
+
 impl Store {
     /// Stores references, all or none.
     ///
@@ -72,24 +118,7 @@ impl Store {
                 .bind(reference.image_id)
                 .fetch_value(&mut transaction)
                 .await?;
-            let rotation: Vec<u8> = reference.camera_from_geocentric.iter().flat_map(|v| v.to_le_bytes()).collect();
-            let [x, y, z] = reference.centre_geocentric_m;
-            query(
-                "INSERT INTO reference_orientations
-                 (image_id, area, centre_x_m, centre_y_m, centre_z_m, rotation, updated_at) VALUES ($1, $2, $3, $4, $5, $6, $7)
-                 ON CONFLICT (image_id) DO UPDATE SET area = excluded.area, centre_x_m = excluded.centre_x_m,
-                 centre_y_m = excluded.centre_y_m, centre_z_m = excluded.centre_z_m, rotation = excluded.rotation,
-                 updated_at = excluded.updated_at",
-            )
-            .bind(reference.image_id)
-            .bind(&reference.area)
-            .bind(x)
-            .bind(y)
-            .bind(z)
-            .bind(rotation)
-            .bind(reference.updated_at)
-            .execute(&mut transaction)
-            .await?;
+            put(&mut transaction, reference, None).await?;
             if there {
                 stored.updated += 1;
             } else {
@@ -153,6 +182,28 @@ impl Store {
         rows.into_iter().map(record).collect()
     }
 
+    /// The orientations that staff have rejected, have a record, and whose image has no reference; one page of those with
+    /// larger ids than `after`, in their order.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn rejected_records(&self, after: Uuid, limit: u32) -> Result<Vec<RejectedRecord>, StoreError> {
+        let sql = "SELECT id AS orientation_id, image_id, camera_id, prepared, record FROM orientations
+                   WHERE review = 'rejected' AND record IS NOT NULL AND id > $1 AND NOT EXISTS
+                   (SELECT 1 FROM reference_orientations WHERE reference_orientations.image_id = orientations.image_id)
+                   ORDER BY id LIMIT $2";
+        Ok(query(sql).bind(after).bind(limit).fetch_all(&self.database).await?)
+    }
+
+    /// The record of an orientation: what its verdict rested on.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn record(&self, orientation_id: Uuid) -> Result<Option<String>, StoreError> {
+        let sql = "SELECT record FROM orientations WHERE id = $1 AND record IS NOT NULL";
+        Ok(query(sql).bind(orientation_id).fetch_optional::<(String,)>(&self.database).await?.map(|(record,)| record))
+    }
+
     /// The records of the latest orientations, the newest first, at most `limit`.
     ///
     /// # Errors
@@ -188,6 +239,21 @@ pub struct ReferencedRecord {
     pub reference: ReferenceOrientation,
 }
 
+/// An orientation that staff have rejected.
+#[derive(Debug, Clone, PartialEq, FromRow)]
+pub struct RejectedRecord {
+    /// The orientation.
+    pub orientation_id: Uuid,
+    /// Its image.
+    pub image_id: Uuid,
+    /// Its camera.
+    pub camera_id: Uuid,
+    /// The request with everything filled in.
+    pub prepared: String,
+    /// What its verdict rested on.
+    pub record: String,
+}
+
 /// A reference given now.
 #[must_use]
 pub fn given_now(
@@ -207,7 +273,7 @@ pub(crate) mod tests {
     use crate::database::Database;
     use crate::geometry::{Brown, Camera};
     use crate::store::images::Header;
-    use crate::store::orientations::{self, Claim, Finished, NewOrientation, Priority};
+    use crate::store::orientations::{self, Claim, DiagnosisInShort, Finished, NewOrientation, Priority};
     use crate::store::sightings::Sighting;
 
     /// A fresh data folder with a camera.
@@ -228,11 +294,16 @@ pub(crate) mod tests {
         }
 
         pub(in crate::store) async fn image(&self) -> Uuid {
+            self.image_named(None).await
+        }
+
+        pub(in crate::store) async fn image_named(&self, name: Option<&str>) -> Uuid {
             let mut upload = self.store.begin_upload().unwrap();
             let id = Uuid::now_v7();
             upload.write(id.as_bytes()).await.unwrap();
-            let header = Header { format: "png".into(), width_px: 60, height_px: 40, position: None };
-            self.store.keep_image(id, upload.complete().await.unwrap(), &header).await.unwrap().0.id
+            let header =
+                Header { format: "png".into(), width_px: 60, height_px: 40, position: None, camera_model: None };
+            self.store.keep_image(id, upload.complete().await.unwrap(), &header, name).await.unwrap().0.id
         }
 
         /// An orientation that waits.
@@ -270,6 +341,7 @@ pub(crate) mod tests {
     pub(in crate::store) fn finished(record: &str, sightings: &[(&str, Sighting)]) -> Finished {
         Finished {
             verdict: "green".into(),
+            diagnosis: DiagnosisInShort::default(),
             result: "{}".into(),
             drawing: "{}".into(),
             record: record.into(),

@@ -95,6 +95,31 @@ async fn form_with_the_file_is_understood() {
 }
 
 #[tokio::test]
+async fn an_image_has_the_name_of_its_file() {
+    let service = Service::new().await;
+    let named = async |query: &str, shade| {
+        let mut request = upload("image/jpeg", jpeg(shade));
+        *request.uri_mut() = format!("/api/v1/images{query}").parse().unwrap();
+        service.send(request).await
+    };
+    assert!(named("", 0).await.json().get("name").is_none());
+    assert_eq!(named("?name=flights%2FIMG%201.JPG", 1).await.json()["name"], "IMG 1.JPG");
+    // the first name stays; one that had none gets one
+    assert_eq!(named("?name=b.jpg", 1).await.json()["name"], "IMG 1.JPG");
+    assert_eq!(named("?name=b.jpg", 0).await.json()["name"], "b.jpg");
+    let of_form = service.send(form(&[("file", "image/jpeg", &jpeg(2))])).await.json();
+    assert_eq!(of_form["name"], "x", "without the folders");
+    for query in ["?name=", "?name=a%2F", "?name=a%00", &format!("?name={}", "x".repeat(256)), "?title=x"] {
+        named(query, 3).await.problem(422);
+    }
+    assert_eq!(service.files("images").len(), 3);
+    // what was removed comes back under its name
+    let id = of_form["id"].as_str().unwrap();
+    assert_eq!(service.delete(&format!("/api/v1/images/{id}")).await.status, 204);
+    assert_eq!(named("?name=y.jpg", 2).await.json()["name"], "x");
+}
+
+#[tokio::test]
 async fn forms_that_make_no_sense_are_refused() {
     let service = Service::new().await;
     let file = jpeg(0);

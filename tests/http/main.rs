@@ -28,6 +28,7 @@ mod labelled;
 mod orientations;
 mod rates;
 mod removal;
+mod reviews;
 mod scene_commands;
 #[path = "../shared/scratch.rs"]
 mod scratch;

@@ -14,6 +14,7 @@ use gable::pipeline::{ControlKind, ControlPointResult, EdgeResult, Estimate, Fau
 use nalgebra::{Matrix6, Vector2};
 use serde_json::{Value, json};
 use tokio_util::sync::{CancellationToken, DropGuard};
+use tower::ServiceExt as _;
 
 use crate::support::{Answer, Service, json_post, png};
 
@@ -32,7 +33,9 @@ fn outcome(task: &Task) -> Outcome {
             name: "church".into(),
             kind: ControlKind::Lines,
             predicted_px: Some(Vector2::new(20.0, 40.0)),
+            search_region_px: None,
             located_px: Some(Vector2::new(30.0, 35.0)),
+            projected_px: None,
             used: true,
             segments_matched: 1,
             residual_px: Some(0.3),
@@ -42,6 +45,7 @@ fn outcome(task: &Task) -> Outcome {
         evidence: None,
         trials: vec![],
         ground_height_m: None,
+        footprint_m: Vec::new(),
         pairs: vec![],
         ground_precision: vec![],
         consensus: None,
@@ -308,11 +312,98 @@ async fn list_is_filtered_and_paged() {
     let (second, end) = list(&format!("limit=2&cursor={}", cursor.as_str().unwrap())).await;
     assert_eq!([first, second].concat(), newest_first);
     assert_eq!(end, Value::Null);
-    for (query, pointer) in
-        [("status=done", "?status"), ("verdict=blue", "?verdict"), ("image=x", "?image"), ("since=now", "?since")]
-    {
+    assert_eq!(list("until=2020-01-01T00:00:00Z").await.0.len(), 0);
+    assert_eq!(list("camera=camera&reason=few_control_points&review=open&until=2100-01-01T00:00:00Z").await.0.len(), 3);
+    assert_eq!(list("camera=other").await.0.len(), 0);
+    assert_eq!(list("block=01a20225-f91a-7133-9892-18bd6449110e").await.0.len(), 0);
+    assert_eq!(list("reason=tolerance").await.0.len(), 0);
+    assert_eq!(list("review=accepted").await.0.len(), 0);
+    assert_eq!(list(&format!("q={}", ids[1])).await.0, ids[1..2]);
+    assert_eq!(list(&format!("q={}", working.image)).await.0.len(), 3);
+    assert_eq!(list("q=no+such+image").await.0.len(), 0);
+    assert_eq!(list("q=").await.0.len(), 3);
+    let long = format!("q={}", "x".repeat(201));
+    for (query, pointer) in [
+        ("status=done", "?status"),
+        ("verdict=blue", "?verdict"),
+        ("image=x", "?image"),
+        ("since=now", "?since"),
+        ("until=now", "?until"),
+        ("review=maybe", "?review"),
+        ("reason=Why%3F", "?reason"),
+        ("reason=", "?reason"),
+        ("block=x", "?block"),
+        ("camera=%00", "?camera"),
+        ("q=%00", "?q"),
+        (&long, "?q"),
+    ] {
         assert_eq!(working.service.get(&format!("/api/v1/orientations?{query}")).await.problem(422), [pointer]);
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_listed_says_why_and_of_what() {
+    let working = Working::with(quick()).await;
+    let mut request = crate::support::upload("image/png", png(8));
+    *request.uri_mut() = "/api/v1/images?name=IMG_8.PNG".parse().unwrap();
+    let image = working.service.send(request).await.json()["id"].clone();
+    let mut body = working.request();
+    body["image"] = image;
+    let shown = working.ask(&body, &[("prefer", "wait=20")]).await.json();
+    let listed = working.service.get("/api/v1/orientations?q=img_").await.json()["items"][0].clone();
+    for told in [&shown, &listed] {
+        assert_eq!((&told["image_name"], &told["camera_name"]), (&json!("IMG_8.PNG"), &json!("camera")));
+        let reason = json!({"code": "few_control_points", "detail": "Only one control point was found."});
+        let diagnosis = json!({"score": 1.0, "probability_correct": 0.7, "reasons": [reason]});
+        assert_eq!(told["diagnosis"], diagnosis);
+        assert!(told.get("review").is_none() && told.get("block").is_none(), "{told}");
+    }
+    assert!(listed.get("result").is_none());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn events_of_all_tell_from_the_acceptance_to_the_verdict_and_end_with_the_service() {
+    let working = Working::with(quick()).await;
+    let request = Request::get("/api/v1/orientations/events").header("host", "localhost").body(Body::empty()).unwrap();
+    let response = working.service.app.clone().oneshot(request).await.unwrap();
+    assert_eq!(response.headers()["content-type"], "text/event-stream");
+    let first = id(&working.ask(&working.request(), &[("prefer", "wait=20")]).await);
+    let second = id(&working.ask(&working.request(), &[]).await);
+    working.service.delete(&format!("/api/v1/orientations/{second}")).await;
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    working.stop.cancel();
+    let body = axum::body::to_bytes(response.into_body(), usize::MAX).await.unwrap();
+    let text = String::from_utf8(body.to_vec()).unwrap();
+    let of = |id: &str| {
+        let data = text.lines().filter_map(|line| line.strip_prefix("data: "));
+        let changes = data.map(|data| serde_json::from_str::<Value>(data).unwrap());
+        changes.filter(|change| change["id"] == id).collect::<Vec<_>>()
+    };
+    assert!(text.starts_with("event: change\ndata: {"), "{text}");
+    let (told, cancelled) = (of(&first), of(&second));
+    assert_eq!(told[0], json!({"id": first, "status": "queued", "stage": null, "progress": 0.0}));
+    assert!(told.iter().any(|change| change["stage"] == "predict" && change["progress"] == 0.1), "{text}");
+    let end = json!({"id": first, "status": "succeeded", "stage": null, "progress": 1.0, "verdict": "yellow"});
+    assert_eq!(told.last(), Some(&end));
+    assert!(cancelled.iter().any(|change| change["status"] == "queued"), "{text}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_does_not_listen_fast_enough_is_told_that_he_has_missed_something() {
+    let working = Working::with(held(&Arc::default())).await;
+    let request = Request::get("/api/v1/orientations/events").header("host", "localhost").body(Body::empty()).unwrap();
+    let response = working.service.app.clone().oneshot(request).await.unwrap();
+    let running = id(&working.ask(&working.request(), &[]).await);
+    working.until(&running, "running").await;
+    // each is accepted and cancelled: two changes
+    for _ in 0..600 {
+        let waiting = id(&working.ask(&working.request(), &[]).await);
+        working.service.delete(&format!("/api/v1/orientations/{waiting}")).await;
+    }
+    working.stop.cancel();
+    let body = axum::body::to_bytes(response.into_body(), usize::MAX).await.unwrap();
+    let text = String::from_utf8_lossy(&body);
+    assert!(text.starts_with("event: missed\ndata: {}\n\nevent: change\n"), "{}", &text[..100]);
 }
 
 #[tokio::test(flavor = "multi_thread")]

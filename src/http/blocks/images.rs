@@ -11,7 +11,7 @@ use super::results::Found;
 use super::{found, lane, settings_of};
 use crate::http::area::cursor;
 use crate::http::extract::{Path, Query};
-use crate::http::images::receive;
+use crate::http::images::{self, receive};
 use crate::http::orientations::checked;
 use crate::http::page::{Page, PageQuery};
 use crate::http::problem::Problem;
@@ -118,7 +118,7 @@ pub(super) async fn upload(
     // before the body is read
     let block = found(&state, id).await?;
     listed(&state, id, &name).await?;
-    let (image, _) = receive(&state, Uuid::now_v7(), request).await?;
+    let (image, _) = receive(&state, Uuid::now_v7(), images::name::checked(&name).ok(), request).await?;
     let new = attach(&state, &block, &name, &image).await?;
     let number = listed(&state, id, &name).await?.number;
     let row = state.store.block_rows(id, number - 1, 1).await?.pop().ok_or_else(unlisted)?;
@@ -164,7 +164,7 @@ pub(in crate::http) async fn attach(
         return Err(Problem::conflict(detail).with_retry_after(1));
     }
     transaction.commit().await?;
-    state.jobs.announce().await;
+    state.jobs.announce(std::slice::from_ref(&new)).await;
     Ok(true)
 }
 

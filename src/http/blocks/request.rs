@@ -326,7 +326,7 @@ pub(super) async fn accept(
         blocks::insert_image(&mut transaction, block.id, row).await?;
     }
     transaction.commit().await?;
-    state.jobs.announce().await;
+    state.jobs.announce(&new).await;
     Ok(block)
 }
 

@@ -181,7 +181,7 @@ fn picture_problem(error: SceneError) -> Problem {
                  matters."
             ))
         }
-        SceneError::Imagery(error) => imagery_problem(error),
+        SceneError::Imagery(error) => imagery_problem(&error),
         SceneError::Picture(error) => Problem::invalid(format!("The picture of the scene is damaged: {error}")),
         error => Problem::internal(&error),
     }

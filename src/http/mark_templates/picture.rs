@@ -18,7 +18,7 @@ const WHITE: f32 = 255.0;
 pub(super) fn decode(content: &[u8], incoming: &Path, limits: &Limits) -> Result<([u32; 2], Vec<u16>), Problem> {
     let mut file = tempfile::NamedTempFile::new_in(incoming).map_err(|error| Problem::internal(&error))?;
     file.write_all(content).and_then(|()| file.flush()).map_err(|error| Problem::internal(&error))?;
-    let picture = ImageFile::open(file.path(), limits).map_err(imagery_problem)?;
+    let picture = ImageFile::open(file.path(), limits).map_err(|error| imagery_problem(&error))?;
     let [width, height] = picture.size_px();
     let (least, most) = SIDES_PX.into_inner();
     if width.max(height) > most {

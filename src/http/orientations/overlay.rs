@@ -7,14 +7,13 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 use uuid::Uuid;
 
-use super::found;
+use super::drawing::{drawn_image, succeeded};
 use crate::http::extract::{Path, Query};
 use crate::http::openapi::Binary;
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::jobs::AttemptError;
 use crate::report::overlay::Format;
-use crate::store::orientations::Status;
 
 const WIDTH_DEFAULT_PX: u32 = 2000;
 const WIDTH_MAX_PX: u32 = 8000;
@@ -59,16 +58,8 @@ pub(super) async fn overlay(
         let detail = format!("width is {width_px}; it must be from 16 to {WIDTH_MAX_PX}");
         return Err(Problem::invalid_field("?width", detail));
     }
-    let orientation = found(&state, id).await?;
-    if !orientation.status.is_final() {
-        return Err(Problem::conflict("It has not ended yet.").with_retry_after(1));
-    }
-    if orientation.status != Status::Succeeded {
-        return Err(Problem::not_found(format!("It has {}: there is nothing to see.", orientation.status.name())));
-    }
-    if state.store.image(orientation.image_id).await?.is_none() {
-        return Err(Problem::gone("The image was removed; upload it again to look at it."));
-    }
+    let orientation = succeeded(&state, id).await?;
+    drawn_image(&state, &orientation).await?;
     let format = wanted_format(&headers);
     let kind = match format {
         Format::Png => "image/png",

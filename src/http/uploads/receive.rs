@@ -8,7 +8,7 @@ use sha2::{Digest as _, Sha256};
 use super::declared::Metadata;
 use super::{blocks, expiry, found};
 use crate::http::extract::body_problem;
-use crate::http::images::{format_of, keep};
+use crate::http::images::{format_of, keep, name};
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::images::hexadecimal;
@@ -96,7 +96,8 @@ async fn finish(state: &AppState, writer: Writer) -> Result<Resumable, Problem> 
         Err(Problem::checksum_mismatch(format!("The SHA-256 of the file is {sha256}; it is dropped.")))
     } else {
         let declared = metadata.filetype.and_then(|kind| format_of(&kind).ok());
-        keep(state, upload.id, received, declared).await
+        let name = metadata.filename.as_deref().and_then(|filename| name::checked(filename).ok());
+        keep(state, upload.id, received, name.as_deref(), declared).await
     };
     match kept {
         Ok((image, _)) => {

@@ -165,13 +165,47 @@ fn yaw_of_drones(#[case] xmp: &str, #[case] heading_deg: Option<f64>) {
 }
 
 #[rstest]
+#[case("DJI", "FC6310", Some("DJI FC6310"))]
+#[case("Canon", "Canon EOS 5D", Some("Canon EOS 5D"))]
+#[case("  Phase One ", "IXM-100", Some("Phase One IXM-100"))]
+#[case("", "P1", Some("P1"))]
+#[case("Leica", "", Some("Leica"))]
+#[case("a\tb\r\nc", "d", Some("a b c d"))]
+#[case("", " ", None)]
+fn make_and_model_are_one_text(#[case] make: &'static str, #[case] model: &'static str, #[case] both: Option<&str>) {
+    let entries = vec![(271, Field::Ascii(make)), (272, Field::Ascii(model))];
+    let mut exif = TiffBytes::new(false, false);
+    let first = exif.directory(&entries);
+    let jpeg = jpeg_with(&[[b"Exif\0\0".to_vec(), exif.finish(first)].concat()]);
+    assert_eq!(probed(&jpeg).camera_model.as_deref(), both);
+    let tiff = write(&Variant { more: entries, ..Variant::default() }, [WIDTH, HEIGHT], |_, _, _| 0);
+    assert_eq!(probed(&tiff).camera_model.as_deref(), both);
+}
+
+#[test]
+fn a_make_without_end_is_cut() {
+    let long: &'static str = "x".repeat(5000).leak();
+    let more = vec![(271, Field::Ascii(long)), (272, Field::Ascii(long))];
+    let tiff = write(&Variant { more, ..Variant::default() }, [WIDTH, HEIGHT], |_, _, _| 0);
+    assert_eq!(probed(&tiff).camera_model, Some("x".repeat(64)));
+}
+
+#[rstest]
 #[case("420.jpg", Format::Jpeg, 8)]
 #[case("palette.png", Format::Png, 8)]
 #[case("lzw_tiles_16.tif", Format::Tiff, 16)]
 fn formats_and_sizes(#[case] name: &str, #[case] format: Format, #[case] bits: u8) {
     let found = probed(&std::fs::read(fixture(name)).unwrap());
-    let expected =
-        Probe { format, width_px: WIDTH, height_px: HEIGHT, bits, position: None, heading: None, pixel_size_um: None };
+    let expected = Probe {
+        format,
+        width_px: WIDTH,
+        height_px: HEIGHT,
+        bits,
+        position: None,
+        heading: None,
+        pixel_size_um: None,
+        camera_model: None,
+    };
     assert_eq!(found, expected);
 }
 

@@ -3,6 +3,7 @@
 mod damage;
 mod formats;
 mod headers;
+mod levels;
 mod pattern;
 mod photographs;
 mod tiff_writer;

@@ -41,7 +41,10 @@ pub(super) struct TiffWindows {
 /// Size, bits of a sample and what is known of the orientation.
 pub(super) fn read_header(file: BufReader<File>, limits: &Limits) -> Result<([u32; 2], u8, Clues), ImageryError> {
     let (mut decoder, layout) = start(file, limits)?;
-    let clues = Clues { pixel_size_um: resolution::pixel_size_um(&mut decoder), ..gps::clues(&mut decoder) };
+    let mut text = |tag| decoder.find_tag(tag).ok().flatten().and_then(|value| value.into_string().ok());
+    let camera_model = exif::camera_model(text(Tag::Make).as_deref(), text(Tag::Model).as_deref());
+    let pixel_size_um = resolution::pixel_size_um(&mut decoder);
+    let clues = Clues { camera_model, pixel_size_um, ..gps::clues(&mut decoder) };
     let xmp = decoder.find_tag(Tag::Unknown(700)).ok().flatten().and_then(|value| value.into_u8_vec().ok());
     Ok((layout.size_px, layout.bits, exif::with_xmp(clues, xmp.as_deref())))
 }
@@ -82,6 +85,20 @@ impl TiffWindows {
 
     pub(super) fn size_px(&self) -> [u32; 2] {
         self.layout.size_px
+    }
+
+    /// Memory for the strips and tiles used last.
+    pub(super) fn memory_bytes(&self) -> u64 {
+        let layout = &self.layout;
+        let chunk_px: u64 = layout.chunk_px.into_iter().map(u64::from).product();
+        self.limits.chunk_cache_bytes.max(chunk_px * u64::from(layout.bits / 8))
+    }
+
+    /// Memory for one row of strips or tiles as they are decoded.
+    pub(super) fn band_bytes(&self) -> u64 {
+        let Layout { size_px, chunk_px, bits, pixel, .. } = &self.layout;
+        let columns = u64::from(size_px[0].next_multiple_of(chunk_px[0]));
+        columns * u64::from(chunk_px[1]) * u64::from(bits / 8) * pixel.samples as u64
     }
 
     /// The window of a rectangle that lies in the picture.

@@ -15,7 +15,7 @@ use crate::pipeline::Fault;
 use crate::store::classifiers::ClassifierStatus;
 use crate::store::images::Header;
 use crate::store::now;
-use crate::store::references::given_now;
+use crate::store::reviews::{Decision, NewReview};
 
 /// A data folder with a camera and an image.
 pub(in crate::jobs) struct Bench {
@@ -37,8 +37,14 @@ impl Bench {
         store.add_camera(camera_id, "camera", &camera).await.unwrap();
         let mut upload = store.begin_upload().unwrap();
         upload.write(b"an image").await.unwrap();
-        let header = Header { format: "png".into(), width_px: SIZE_PX[0], height_px: SIZE_PX[1], position: None };
-        store.keep_image(image_id, upload.complete().await.unwrap(), &header).await.unwrap();
+        let header = Header {
+            format: "png".into(),
+            width_px: SIZE_PX[0],
+            height_px: SIZE_PX[1],
+            position: None,
+            camera_model: None,
+        };
+        store.keep_image(image_id, upload.complete().await.unwrap(), &header, None).await.unwrap();
         Self { store, camera, camera_id, image_id, _folder: folder }
     }
 
@@ -296,4 +302,46 @@ async fn a_training_that_the_end_of_the_service_has_interrupted_begins_anew() {
     assert_eq!(bench.ended(id).await.status, ClassifierStatus::Ready);
     next.0.stopping.cancel();
     working.await.unwrap();
+}
+
+async fn decide(bench: &Bench, decision: Decision, reference: Option<ReferenceOrientation>) {
+    let id: Uuid = query("SELECT max(id) FROM orientations").fetch_value(bench.store.database()).await.unwrap();
+    let (why, who) = (String::new(), String::from("loopback"));
+    let review = NewReview { id: Uuid::now_v7(), orientation_id: id, decision, why, who, corrected: None, reference };
+    bench.store.add_review(&review).await.unwrap().unwrap();
+}
+
+#[tokio::test]
+async fn what_staff_reject_is_learned_as_wrong() {
+    let bench = Bench::new().await;
+    let near = TrialRecord(9, 1, 0.5, 1.5, Pose([3.0, 4.1, 400.0, 0.0, 0.0, 0.7]));
+    let found = Pose([3.0, 4.0, 400.0, 0.0, 0.0, 0.7]);
+    let mut kept: Record = serde_json::from_str(&record(Some(found))).unwrap();
+    kept.trials.push(near);
+    bench.keep(&[serde_json::to_string(&kept).unwrap()]).await;
+    assert_eq!(history(&bench.store).await.unwrap().images, []);
+    decide(&bench, Decision::Rejected, None).await;
+    let images = history(&bench.store).await.unwrap().images;
+    assert_eq!(images.len(), 1);
+    assert!(!images[0].right());
+    // of the trial that leads elsewhere nothing is known
+    assert_eq!(images[0].trials.len(), 1);
+    assert!(images[0].trials[0].4 > images[0].tolerance_m);
+}
+
+#[tokio::test]
+async fn what_staff_accept_is_learned_as_right() {
+    let bench = Bench::new().await;
+    let found = record(Some(Pose([3.0, 4.0, 400.0, 0.01, -0.02, 0.7])));
+    bench.keep(std::slice::from_ref(&found)).await;
+    let prepared = serde_json::to_string(&bench.prepared(("tolerance_m", 1.0))).unwrap();
+    let kept: Record = serde_json::from_str(&found).unwrap();
+    let reference = accepted(bench.image_id, &prepared, &kept).unwrap();
+    assert!(reference.is_some());
+    decide(&bench, Decision::Accepted, reference).await;
+    let images = history(&bench.store).await.unwrap().images;
+    assert_eq!(images.len(), 1);
+    // held against itself, through geocentric coordinates and back
+    assert!(images[0].right() && images[0].d_max_m.unwrap() < 1e-5, "{:?}", images[0].d_max_m);
+    assert_eq!(accepted(bench.image_id, &prepared, &Record { estimate: None, ..kept }).unwrap(), None);
 }

@@ -4,8 +4,9 @@
 
 use std::time::{Duration, Instant};
 
+use super::listed::listed;
 use super::*;
-use crate::database::{Database, Dialects};
+use crate::database::{Database, Dialects, Query};
 use crate::store::references::tests::Bench;
 
 const CLAIMS: u32 = 200;

@@ -1,0 +1,292 @@
+//! Correcting by hand: an image that was oriented stays on the desk, with its line segments, and is adjusted again and
+//! again with what staff say of its control points.
+
+use nalgebra::{Rotation3, Vector2, Vector3};
+
+use super::run::{Attempt, Run, Searched, Solution, attempt};
+use super::{ControlKind, ControlPointResult, EdgeResult, Fault, Observer, Outcome, Task};
+use crate::estimation::{PointObservation, resect};
+use crate::features::{Picture, PixelRect};
+use crate::geometry::{Camera, ExteriorOrientation, Segment2};
+use crate::orientation::ControlPoint;
+use crate::orientation::by_hand::ByHand;
+use crate::orientation::gate::Located;
+use crate::orientation::locate::{Peak, ShiftMap};
+use crate::orientation::predict::{Approximation, Prediction, edges_on_frame_px};
+use crate::orientation::search::{Hypothesis, Search};
+
+/// What staff say of the control points of an image.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Correction {
+    /// Those that are not to be used.
+    pub off: Vec<String>,
+    /// Where the reference points of others are, in pixels of the file.
+    pub moved: Vec<(String, Vector2<f64>)>,
+}
+
+/// If an orientation has all places that were pointed at within this, it is corrected; else it is wrong, and all begins
+/// anew from those places.
+const CORRECTED_WITHIN_PX: f64 = 60.0;
+/// How well the control points of an adjustment are located for the orientation with points.
+const SIGMA_LOCATED_PX: f64 = 3.0;
+const SIGMA_BY_HAND_PX: f64 = 1.5;
+/// Candidates that are shown of a window.
+const PEAKS_SHOWN: usize = 5;
+
+/// An image on the desk.
+pub struct Desk<'a> {
+    run: Run<'a>,
+    attempt: Attempt<'a>,
+}
+
+/// The neighbourhood of a control point. Pixels of the file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Neighbourhood {
+    /// The part of the picture that holds it all.
+    pub rect: PixelRect,
+    /// Where its reference point is expected.
+    pub predicted_px: Vector2<f64>,
+    /// Its edges there.
+    pub edges_px: Vec<Segment2>,
+    /// The line segments of the image.
+    pub segments_px: Vec<Segment2>,
+    /// How much the segments speak for each shift of the edges; none for a scene.
+    pub accumulator: Option<Accumulator>,
+}
+
+/// A map of shifts with its best places. Pixels of the file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Accumulator {
+    /// The map, in reduced pixels.
+    pub map: ShiftMap,
+    /// The best places first.
+    pub peaks: Vec<(Vector2<f64>, f64)>,
+}
+
+impl<'a> Desk<'a> {
+    /// Orients an image, as [`super::orient`] does, and keeps it.
+    ///
+    /// # Errors
+    /// [`Fault`] if the picture cannot be read or the observer cancels.
+    pub fn lay(
+        picture: &'a dyn Picture,
+        control: &[ControlPoint],
+        task: &'a Task,
+        observer: &'a dyn Observer,
+    ) -> Result<Self, Fault> {
+        let run = Run { picture, task, observer, done: 0.0 };
+        Ok(Self { run, attempt: attempt(run, control)? })
+    }
+
+    /// As it was oriented.
+    #[must_use]
+    pub fn outcome(&self) -> &Outcome {
+        &self.attempt.outcome
+    }
+
+    /// The control points that the orientation could use.
+    #[must_use]
+    pub fn control(&self) -> &[ControlPoint] {
+        self.attempt.searched.as_ref().map_or(&[], |searched| &searched.control)
+    }
+
+    /// The outcome with a correction. Names that are not among [`Self::control`] change nothing.
+    ///
+    /// # Errors
+    /// [`Fault`] if the picture cannot be read where it was not read yet.
+    pub fn corrected(&mut self, correction: &Correction) -> Result<Outcome, Fault> {
+        let Some(searched) = &mut self.attempt.searched else { return Ok(self.attempt.outcome.clone()) };
+        let Searched { control, approximation, extraction, best, seen } = searched;
+        let by_hand = by_hand(control, &self.run.task.camera, correction);
+        let off = by_hand.off.clone();
+        let believed = believed(&self.run.task.camera, control, approximation, &by_hand);
+        let search = Search::new(&self.run.task.camera, control, &believed).with(by_hand);
+        let mut trials = Vec::new();
+        let solution = match start(&search, best.as_ref()) {
+            Some(start) => self.run.solve(&search, &start, extraction, &mut trials)?,
+            None => None,
+        };
+        let Some(solution) = solution else { return Ok(self.run.not_found(&search, &[])) };
+        let rivals = self.run.rivals(&search, &solution, seen, trials);
+        let mut outcome = self.run.outcome(&search, extraction, &solution, rivals);
+        outcome.cost = self.attempt.outcome.cost;
+        show_unused(&mut outcome, &search, &solution.adjustment.orientation, &off);
+        Ok(outcome)
+    }
+
+    /// The neighbourhood of a control point under the orientation that was found or, without one, the approximate one;
+    /// `None` if there is no such control point, or it cannot be seen.
+    ///
+    /// # Errors
+    /// [`Fault`] if the picture cannot be read there.
+    pub fn neighbourhood(&mut self, name: &str) -> Result<Option<Neighbourhood>, Fault> {
+        let Some(searched) = &mut self.attempt.searched else { return Ok(None) };
+        let camera = &self.run.task.camera;
+        let Searched { control, approximation, extraction, best, .. } = searched;
+        let Some(index) = control.iter().position(|point| point.name == name) else { return Ok(None) };
+        let search = Search::new(camera, control, approximation);
+        let prior = approximation.prior(&approximation.orientation);
+        let approximate = || {
+            let prior = prior?;
+            Some(Prediction { orientation: prior.orientation, covariance: prior.information.try_inverse()? })
+        };
+        let found = best.as_ref().map(|best| best.adjustment.prediction());
+        let Some(prediction) = found.or_else(approximate) else { return Ok(None) };
+        let Some(around) = search.around(index, &prediction, extraction)? else { return Ok(None) };
+        let in_file = |p: Vector2<f64>| camera.pixel_from_reduced(p);
+        let rect = clipped(extraction.picture_px(), camera.pixels_around(around.predicted_px, around.reach_px));
+        let Some(rect) = rect else { return Ok(None) };
+        let near = extraction.near(around.predicted_px, around.reach_px).map(|(_, segment)| segment.file_px);
+        let segments_px = near.filter(|segment| touches(&rect, segment)).collect();
+        let accumulator = around.map.map(|map| Accumulator {
+            peaks: map.peaks(PEAKS_SHOWN).iter().map(|p: &Peak| (in_file(p.at_px), p.log_likelihood)).collect(),
+            map,
+        });
+        Ok(Some(Neighbourhood {
+            rect,
+            predicted_px: in_file(around.predicted_px),
+            edges_px: around
+                .edges_px
+                .iter()
+                .map(|e| Segment2 { start: in_file(e.start), end: in_file(e.end) })
+                .collect(),
+            segments_px,
+            accumulator,
+        }))
+    }
+}
+
+/// A correction by the indices of the control points, in reduced pixels.
+fn by_hand(control: &[ControlPoint], camera: &Camera, correction: &Correction) -> ByHand {
+    let index = |name: &String| control.iter().position(|point| point.name == *name);
+    let off: Vec<usize> = correction.off.iter().filter_map(index).collect();
+    let place = |(name, at_px): &(String, Vector2<f64>)| {
+        index(name).filter(|index| !off.contains(index)).zip(camera.reduced_from_pixel(*at_px))
+    };
+    ByHand { places: correction.moved.iter().filter_map(place).collect(), off }
+}
+
+/// So much worse than it says an approximation may be for all that is known before places are compared with it.
+const LOOSELY: f64 = 30.0;
+/// Places that determine an orientation.
+const DETERMINING: usize = 3;
+
+/// The approximation as it must be believed where several places contradict it: else a position that is wrong by many of
+/// its standard deviations would draw the corrected orientation to itself.
+fn believed(camera: &Camera, control: &[ControlPoint], stated: &Approximation, by_hand: &ByHand) -> Approximation {
+    if by_hand.places.len() < DETERMINING {
+        return stated.clone();
+    }
+    let loose = stated.erring_by(LOOSELY);
+    let search = Search::new(camera, control, &loose).with(by_hand.clone());
+    let contradiction = from_places(&search, None).and_then(|found| {
+        let prior = stated.prior(&found.orientation)?;
+        let step = prior.orientation.step_to(&found.orientation);
+        Some((step.dot(&(prior.information * step)) / 6.0).sqrt())
+    });
+    stated.erring_by(contradiction.unwrap_or(1.0).max(1.0))
+}
+
+/// Where the adjustment of a correction begins: with all that was located before, if that agrees with what was pointed at;
+/// else with what was pointed at alone.
+fn start(search: &Search, best: Option<&Solution>) -> Option<Hypothesis> {
+    let places = &search.by_hand.places;
+    let c = search.camera.principal_distance_px;
+    let by_hand = places.iter().map(|(control_point, at_px)| Located {
+        control_point: *control_point,
+        at_px: *at_px,
+        sigma_px: SIGMA_BY_HAND_PX,
+        log_odds: 0.0,
+    });
+    let agrees = |best: &&Solution| {
+        places.iter().all(|(k, at_px)| {
+            let projected = best.adjustment.orientation.reduced_px(c, search.control[*k].reference_m);
+            projected.is_some_and(|projected| (projected - at_px).norm() < CORRECTED_WITHIN_PX)
+        })
+    };
+    if let Some(best) = best.filter(agrees) {
+        let adjustment = &best.adjustment;
+        let free = |k: usize| search.is_on(k) && search.placed(k).is_none();
+        let kept = adjustment.buildings.iter().zip(&adjustment.kept).filter(|(b, _)| free(b.control_point));
+        let kept = kept.filter(|(_, kept)| kept.contains(&true)).filter_map(|(building, _)| {
+            let reference = search.control[building.control_point].reference_m;
+            let at_px = adjustment.orientation.reduced_px(c, reference)? + building.shift_px;
+            let control_point = building.control_point;
+            Some(Located { control_point, at_px, sigma_px: SIGMA_LOCATED_PX, log_odds: 0.0 })
+        });
+        let located: Vec<Located> = by_hand.chain(kept).collect();
+        let prediction = adjustment.prediction();
+        return (!located.is_empty()).then_some(Hypothesis { prediction, located, score: best.log_odds });
+    }
+    let located: Vec<Located> = by_hand.collect();
+    let prediction = from_places(search, best.map(|best| best.adjustment.orientation))?;
+    Some(Hypothesis { prediction, located, score: 0.0 })
+}
+
+/// The orientation by what was pointed at and the approximation. The heading may be unknown, or have been found wrong: all
+/// around is tried.
+fn from_places(search: &Search, found: Option<ExteriorOrientation>) -> Option<Prediction> {
+    const HEADINGS: usize = 12;
+    let places = &search.by_hand.places;
+    let approximate = search.approximation.orientation;
+    let observations: Vec<PointObservation> =
+        places.iter().map(|(k, at_px)| search.observation(*k, *at_px, SIGMA_BY_HAND_PX, &approximate)).collect();
+    if observations.is_empty() {
+        return None;
+    }
+    let turned = (0..HEADINGS).map(|step| {
+        let turn =
+            Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::TAU * step as f64 / HEADINGS as f64);
+        ExteriorOrientation { camera_from_object: turn * approximate.camera_from_object, ..approximate }
+    });
+    let fits = turned.chain(found).filter_map(|start| {
+        let prior = search.approximation.prior(&start)?;
+        resect(&observations, Some(&prior), &start, search.camera.principal_distance_px)
+    });
+    let best = fits.min_by(|a, b| a.squares.total_cmp(&b.squares))?;
+    Some(Prediction { orientation: best.orientation, covariance: best.covariance * best.sigma0().max(1.0).powi(2) })
+}
+
+/// What is not to be used is shown all the same, where it would be.
+fn show_unused(outcome: &mut Outcome, search: &Search, orientation: &ExteriorOrientation, off: &[usize]) {
+    for index in off {
+        let control_point = &search.control[*index];
+        let edges = edges_on_frame_px(search.camera, orientation, control_point);
+        let place = outcome.control_points.len();
+        outcome.control_points.push(ControlPointResult {
+            name: control_point.name.clone(),
+            kind: if control_point.scene.is_some() { ControlKind::Scene } else { ControlKind::Lines },
+            predicted_px: search.approximation.orientation.pixel(search.camera, control_point.reference_m),
+            search_region_px: None,
+            located_px: None,
+            projected_px: orientation.pixel(search.camera, control_point.reference_m),
+            used: false,
+            segments_matched: 0,
+            residual_px: None,
+            sensitivity: None,
+        });
+        let in_file = |p: Vector2<f64>| search.camera.pixel_from_reduced(p);
+        outcome.edges.extend(edges.iter().flatten().map(|edge| EdgeResult {
+            control_point: place,
+            projected_px: Segment2 { start: in_file(edge.start), end: in_file(edge.end) },
+            matched_px: Vec::new(),
+        }));
+    }
+}
+
+/// The pixels of a rectangle that are in the picture; `None` if there are none.
+fn clipped([width, height]: [u32; 2], [least, largest]: [Vector2<f64>; 2]) -> Option<PixelRect> {
+    let range = |from: f64, to: f64, size: u32| {
+        let (from, to) = (from.floor().max(0.0), to.ceil().min(f64::from(size)));
+        (to > from).then_some((from as u32, (to - from) as u32))
+    };
+    let (x, width) = range(least.x, largest.x, width)?;
+    let (y, height) = range(least.y, largest.y, height)?;
+    Some(PixelRect { x, y, width, height })
+}
+
+fn touches(rect: &PixelRect, segment: &Segment2) -> bool {
+    let (least, largest) = (segment.start.inf(&segment.end), segment.start.sup(&segment.end));
+    let [x, y] = [rect.x, rect.y].map(f64::from);
+    largest.x >= x && largest.y >= y && least.x <= x + f64::from(rect.width) && least.y <= y + f64::from(rect.height)
+}
