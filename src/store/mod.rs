@@ -23,6 +23,7 @@ pub mod recent;
 pub mod references;
 pub mod removal;
 pub mod sightings;
+pub mod statistics;
 pub mod uploads;
 pub mod webhooks;
 
