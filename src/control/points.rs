@@ -1,6 +1,8 @@
 //! The control points in the database: import in batches, and what lies in a rectangle of longitude and latitude. SQLite
 //! has an R*Tree for it, PostgreSQL an index of boxes.
 
+mod listed;
+
 use std::collections::HashSet;
 
 use nalgebra::Vector3;
@@ -11,6 +13,8 @@ use super::model::StoredControlPoint;
 use super::region::{GeodeticBox, longitude_latitude_deg};
 use super::{ControlError, ImportReport, Mode};
 use crate::database::{Database, Dialects, Query, Record, TEXTS, Transaction, query};
+
+pub use listed::{Wanted, extent, listed};
 
 /// So many control points are written in one transaction: large enough that waiting for the disk does not count,
 /// small enough that others get to write in between.
@@ -153,7 +157,7 @@ pub async fn in_box(
     after: i64,
     limit: usize,
 ) -> Result<Vec<(i64, StoredControlPoint)>, ControlError> {
-    let rows: Vec<Row> = rows_in_box(database, IN_BOX, region, after, limit).await?;
+    let rows: Vec<Row> = rows_in_box(database, IN_BOX, region, (after, limit), |query| query).await?;
     rows.into_iter().map(Row::with_id).collect()
 }
 
@@ -185,19 +189,19 @@ pub(super) trait Numbered {
 }
 
 /// Rows, by ascending id, of a query for what lies in a box: its parameters are least and largest longitude, least and
-/// largest latitude, the id after which the rows begin, and how many there are at most.
+/// largest latitude, the id after which the rows begin, how many there are at most, and those that `more` binds.
 pub(super) async fn rows_in_box<R: Record + Numbered>(
     database: &Database,
     sql: Dialects,
     region: GeodeticBox,
-    after: i64,
-    limit: usize,
+    (after, limit): (i64, usize),
+    more: impl Fn(Query) -> Query,
 ) -> Result<Vec<R>, sqlx::Error> {
     let limit_rows = i64::try_from(limit).unwrap_or(i64::MAX);
     let mut found: Vec<R> = Vec::new();
     for part in region.unwrapped() {
         let rows = with_box(query(database.dialect(sql)), part).bind(after).bind(limit_rows);
-        found.extend(rows.fetch_all(database).await?);
+        found.extend(more(rows).fetch_all(database).await?);
     }
     // a region across the antimeridian is asked for in two parts
     found.sort_by_key(Numbered::id);
@@ -206,37 +210,13 @@ pub(super) async fn rows_in_box<R: Record + Numbered>(
     Ok(found)
 }
 
-/// The control points by ascending id, from the first one after `after`, at most `limit`.
-///
-/// # Errors
-/// [`ControlError`] if the database fails.
-pub async fn all(
-    database: &Database,
-    after: i64,
-    limit: usize,
-) -> Result<Vec<(i64, StoredControlPoint)>, ControlError> {
-    let rows: Vec<Row> = query(
-        "SELECT id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges
-         FROM control_points WHERE id > $1 ORDER BY id LIMIT $2",
-    )
-    .bind(after)
-    .bind(i64::try_from(limit).unwrap_or(i64::MAX))
-    .fetch_all(database)
-    .await?;
-    rows.into_iter().map(Row::with_id).collect()
-}
-
 /// The control point of a name.
 ///
 /// # Errors
 /// [`ControlError`] if the database fails.
 pub async fn by_name(database: &Database, name: &str) -> Result<Option<StoredControlPoint>, ControlError> {
-    let row: Option<Row> = query(
-        "SELECT id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges FROM control_points WHERE name = $1",
-    )
-    .bind(name)
-    .fetch_optional(database)
-    .await?;
+    let named = query("SELECT ").then(COLUMNS).then(" FROM control_points WHERE name = ?").bind(name);
+    let row: Option<Row> = named.fetch_optional(database).await?;
     row.map(|row| Ok(row.with_id()?.1)).transpose()
 }
 
@@ -263,6 +243,9 @@ pub async fn count(database: &Database) -> Result<u64, ControlError> {
     let count: i64 = query("SELECT count(*) FROM control_points").fetch_value(database).await?;
     Ok(count.unsigned_abs())
 }
+
+/// The columns of a [`Row`].
+const COLUMNS: &str = "id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges";
 
 #[derive(FromRow)]
 struct Row {

@@ -296,7 +296,7 @@ pub async fn in_box(
     after: i64,
     limit: usize,
 ) -> Result<Vec<(i64, StoredScene)>, ControlError> {
-    let rows: Vec<Row> = rows_in_box(database, IN_BOX, region, after, limit).await?;
+    let rows: Vec<Row> = rows_in_box(database, IN_BOX, region, (after, limit), |query| query).await?;
     rows.into_iter().map(Row::with_id).collect()
 }
 

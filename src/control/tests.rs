@@ -60,7 +60,7 @@ async fn modes_do_what_they_say() {
     assert_eq!(counts(&import(&pool, &only, Mode::Replace).await), (1, 1, 0));
     assert_eq!(points::count(&pool).await.unwrap(), 2);
     assert!(points::by_name(&pool, "a").await.unwrap().is_none());
-    assert_eq!(points::all(&pool, 0, 10).await.unwrap().len(), 2);
+    assert_eq!(points::listed(&pool, points::Wanted::default(), 0, 10).await.unwrap().len(), 2);
 }
 
 #[tokio::test]
@@ -225,8 +225,8 @@ async fn the_next_page_begins_after_the_last_one() {
     let names = |first: &[(i64, StoredControlPoint)], second: &[(i64, StoredControlPoint)]| {
         first.iter().chain(second).map(|(_, point)| point.name.clone()).collect::<Vec<_>>()
     };
-    let first = points::all(&pool, 0, 3).await.unwrap();
-    let second = points::all(&pool, first[2].0, 3).await.unwrap();
+    let first = points::listed(&pool, points::Wanted::default(), 0, 3).await.unwrap();
+    let second = points::listed(&pool, points::Wanted::default(), first[2].0, 3).await.unwrap();
     assert_eq!(names(&first, &second), ["p0", "p1", "p2", "p3", "p4"]);
     let region = GeodeticBox::around_place([16.602, 52.7], 1_000.0);
     let first = points::in_box(&pool, region, 0, 3).await.unwrap();

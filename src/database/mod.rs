@@ -117,3 +117,21 @@ impl Transaction {
 /// A list of names as one parameter, a JSON array of texts: the rows of a sub-select.
 pub const TEXTS: Dialects =
     Dialects { sqlite: "(SELECT value FROM json_each($1))", postgres: "(SELECT json_array_elements_text($1::json))" };
+
+/// The pattern of `LIKE … ESCAPE '\\'` for texts that contain this one.
+#[must_use]
+pub fn containing(text: &str) -> String {
+    let escaped = text.replace('\\', "\\\\").replace('%', "\\%").replace('_', "\\_");
+    format!("%{escaped}%")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wildcards_of_a_text_stand_for_themselves() {
+        assert_eq!(containing("a"), "%a%");
+        assert_eq!(containing("50%_\\x"), "%50\\%\\_\\\\x%");
+    }
+}

@@ -18,7 +18,7 @@ pub(super) struct AreaQuery {
     pub(super) bbox: Option<String>,
     /// The CRS of `bbox` and of the answer; default: EPSG:4979. What it does not reach is left out.
     #[param(example = "EPSG:4979", min_length = 1)]
-    crs: Option<String>,
+    pub(super) crs: Option<String>,
     /// Gives heights above the geoid: ellipsoidal height - this.
     pub(super) geoid_undulation_m: Option<f64>,
     /// Items on a page, from 1 to 200; 50 if left out.
@@ -54,7 +54,7 @@ impl CrsQuery {
 }
 
 /// The CRS of an answer if the query does not say.
-const DEFAULT_CRS: &str = "EPSG:4979";
+pub(super) const DEFAULT_CRS: &str = "EPSG:4979";
 
 /// A CRS that is known, with an undulation that makes sense.
 pub(super) fn known_crs(given: &str, geoid_undulation_m: Option<f64>) -> Result<Crs, Problem> {
@@ -101,18 +101,8 @@ impl Rectangle {
 
     /// Its longitudes and latitudes, rather too many than too few.
     pub(super) fn region(&self, crs: &Crs) -> Result<GeodeticBox, Problem> {
-        let at = |step: u32, axis: usize| {
-            self.min[axis] + (self.max[axis] - self.min[axis]) * f64::from(step) / f64::from(STEPS)
-        };
-        let rim = (0..=STEPS).flat_map(|step| {
-            [
-                [at(step, 0), self.min[1]],
-                [at(step, 0), self.max[1]],
-                [self.min[0], at(step, 1)],
-                [self.max[0], at(step, 1)],
-            ]
-        });
-        let places = rim
+        let places = self
+            .rim()
             .map(|[x, y]| Ok(longitude_latitude_deg(crs.geocentric_from_position([x, y, 0.0], None)?)))
             .collect::<Result<Vec<_>, CrsError>>()
             .map_err(|error| Problem::invalid_field("?bbox", error.to_string()))?;
@@ -121,6 +111,39 @@ impl Rectangle {
             return Ok(GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg });
         }
         Ok(GeodeticBox::around_points(places).widened())
+    }
+
+    /// Around all places of a part of the earth, in a CRS that reaches them; rather too large than too small.
+    pub(super) fn around(region: GeodeticBox, crs: &Crs) -> Result<Self, Problem> {
+        let GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg } = region;
+        let wgs84 = Self { min: [min_lon_deg, min_lat_deg], max: [max_lon_deg, max_lat_deg] };
+        if crs.is_geographic() {
+            return Ok(wgs84);
+        }
+        let unreached = |error: CrsError| Problem::invalid_field("?crs", error.to_string());
+        let geographic = Crs::parse(DEFAULT_CRS).map_err(unreached)?;
+        let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for [lon_deg, lat_deg] in wgs84.rim() {
+            let lon_deg = (lon_deg + 180.0).rem_euclid(360.0) - 180.0;
+            let place = geographic.geocentric_from_position([lon_deg, lat_deg.clamp(-90.0, 90.0), 0.0], None);
+            let [x, y, _] = place.and_then(|place| crs.position_from_geocentric(place, None)).map_err(unreached)?;
+            (min, max) = ([min[0].min(x), min[1].min(y)], [max[0].max(x), max[1].max(y)]);
+        }
+        Ok(Self { min, max })
+    }
+
+    /// Least x, least y, largest x, largest y.
+    pub(super) fn bounds(&self) -> [f64; 4] {
+        [self.min[0], self.min[1], self.max[0], self.max[1]]
+    }
+
+    /// Points on its four sides.
+    fn rim(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
+        let Self { min, max } = *self;
+        let at = move |step: u32, axis: usize| min[axis] + (max[axis] - min[axis]) * f64::from(step) / f64::from(STEPS);
+        (0..=STEPS).flat_map(move |step| {
+            [[at(step, 0), min[1]], [at(step, 0), max[1]], [min[0], at(step, 1)], [max[0], at(step, 1)]]
+        })
     }
 
     /// Whether the box around these positions, which are in its CRS, has anything in common with it.

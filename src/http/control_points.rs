@@ -1,6 +1,7 @@
 //! Control points.
 
 mod health;
+mod list;
 
 use axum::body::{Body, to_bytes};
 use axum::extract::{DefaultBodyLimit, Request, State};
@@ -11,9 +12,8 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::area::{AreaQuery, CrsQuery, Rectangle, cursor, known_crs};
+use super::area::{CrsQuery, known_crs};
 use super::extract::{Path, Query, body_problem, media_type, refuse_encoded};
-use super::page::{Page, Wanted};
 use super::problem::Problem;
 use super::state::AppState;
 use crate::control::geojson::{self, ControlPointFeature};
@@ -25,7 +25,8 @@ pub fn routes() -> OpenApiRouter<AppState> {
     // the import has a limit of its own
     let import = OpenApiRouter::new().routes(routes!(import)).layer(DefaultBodyLimit::disable());
     OpenApiRouter::new()
-        .routes(routes!(list))
+        .routes(routes!(list::list))
+        .routes(routes!(list::extent))
         .routes(routes!(read, remove))
         .routes(routes!(health::health))
         .merge(import)
@@ -124,54 +125,6 @@ pub(super) async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Pr
         }
         body_problem(&error, StatusCode::BAD_REQUEST)
     })
-}
-
-/// List control points
-///
-/// Each item is a GeoJSON feature, as it is imported. Without `bbox`, all of them.
-#[utoipa::path(
-    get, path = "/control-points", operation_id = "list_control_points", tag = "control points", params(AreaQuery),
-    responses(
-        (status = 200, description = "One page", body = Page<ControlPointFeature>),
-        (status = 422, description = "A parameter makes no sense", body = Problem, content_type = "application/problem+json"),
-        (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
-    ),
-)]
-async fn list(
-    State(state): State<AppState>,
-    Query(query): Query<AreaQuery>,
-) -> Result<axum::Json<Page<ControlPointFeature>>, Problem> {
-    let crs = query.crs()?;
-    let limit = Wanted::new(query.limit, None)?.limit as usize;
-    let rectangle = query.bbox.as_deref().map(Rectangle::parse).transpose()?;
-    let region = rectangle.as_ref().map(|rectangle| rectangle.region(&crs)).transpose()?;
-    let mut after = cursor(query.cursor.as_deref())?;
-    let target = Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m };
-    let mut items = Vec::new();
-    loop {
-        // one more than fits, to know whether there is a next page
-        let found = match region {
-            Some(region) => points::in_box(state.store.database(), region, after, limit + 1).await?,
-            None => points::all(state.store.database(), after, limit + 1).await?,
-        };
-        let last = found.len() <= limit;
-        for (id, point) in found {
-            if items.len() == limit {
-                return Ok(axum::Json(Page { items, next_cursor: Some(after.to_string()) }));
-            }
-            after = id;
-            let feature = geojson::feature(&point, &target);
-            items
-                .extend(feature.filter(|f| rectangle.as_ref().is_none_or(|rectangle| rectangle.touches(positions(f)))));
-        }
-        if last {
-            return Ok(axum::Json(Page { items, next_cursor: None }));
-        }
-    }
-}
-
-fn positions(feature: &ControlPointFeature) -> impl Iterator<Item = [f64; 3]> {
-    feature.geometry.coordinates.iter().flatten().copied().chain([feature.properties.reference])
 }
 
 /// Show a control point

@@ -5,6 +5,7 @@ use axum::body::Bytes;
 use axum::extract::rejection::{BytesRejection, PathRejection, QueryRejection};
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::{HeaderMap, header};
+use chrono::{DateTime, Utc};
 use serde::de::DeserializeOwned;
 
 use super::pace::TooSlow;
@@ -116,6 +117,14 @@ pub fn searched<'t>(parameter: &str, given: Option<&'t str>) -> Result<Option<&'
         return Err(Problem::invalid_field(format!("?{parameter}"), detail));
     }
     Ok(Some(text))
+}
+
+/// A time that both databases can hold and compare: of the years 1970 to 9999.
+#[must_use]
+pub fn comparable(time: DateTime<Utc>) -> DateTime<Utc> {
+    // the last second of 9999
+    let latest = DateTime::from_timestamp(253_402_300_799, 0).unwrap_or(DateTime::UNIX_EPOCH);
+    time.clamp(DateTime::UNIX_EPOCH, latest)
 }
 
 fn is_json(media_type: &str) -> bool {

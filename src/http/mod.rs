@@ -33,6 +33,7 @@ pub mod request_id;
 pub mod serve;
 pub mod session;
 pub mod state;
+pub mod statistics;
 pub mod uploads;
 pub mod webhooks;
 
@@ -64,6 +65,7 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(interior_orientations::routes())
         .merge(orientations::routes())
         .merge(references::routes())
+        .merge(statistics::routes())
         .merge(classifiers::routes())
         .merge(webhooks::routes())
         .merge(session::routes())

@@ -24,6 +24,7 @@ pub mod references;
 pub mod removal;
 pub mod reviews;
 pub mod sightings;
+pub mod statistics;
 pub mod uploads;
 pub mod webhooks;
 

@@ -1,11 +1,13 @@
 //! What became of the control points that accepted images should show.
 
+use std::collections::HashMap;
+
 use chrono::{DateTime, Utc};
-use sqlx::FromRow;
+use sqlx::{AssertSqlSafe, FromRow};
 use uuid::Uuid;
 
 use super::{Store, StoreError};
-use crate::database::{Transaction, query};
+use crate::database::{TEXTS, Transaction, query};
 
 /// What an accepted image says of a control point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,7 +31,7 @@ impl Sighting {
 }
 
 /// Counts of sightings of a control point. Of several orientations of one image the last one counts.
-#[derive(Debug, Clone, PartialEq, FromRow)]
+#[derive(Debug, Clone, Default, PartialEq, FromRow)]
 pub struct SightingCounts {
     /// Images in which it was found.
     #[sqlx(try_from = "i64")]
@@ -68,6 +70,13 @@ pub(super) async fn note(
     Ok(())
 }
 
+/// The columns of [`SightingCounts`].
+const COUNTS: &str = "count(*) FILTER (WHERE outcome = 'found') AS found,
+     count(*) FILTER (WHERE outcome = 'missed') AS missed,
+     count(*) FILTER (WHERE outcome = 'contradicts') AS contradicts,
+     max(seen_at) FILTER (WHERE outcome = 'found') AS last_found_at,
+     max(seen_at) FILTER (WHERE outcome <> 'found') AS last_failed_at";
+
 impl Store {
     /// What accepted images say of a control point.
     ///
@@ -75,17 +84,37 @@ impl Store {
     /// [`StoreError::Database`].
     pub async fn sightings(&self, control_point: &str) -> Result<SightingCounts, StoreError> {
         // of several orientations of one image only the last
-        let counts = query(
-            "SELECT count(*) FILTER (WHERE outcome = 'found') AS found,
-             count(*) FILTER (WHERE outcome = 'missed') AS missed,
-             count(*) FILTER (WHERE outcome = 'contradicts') AS contradicts,
-             max(seen_at) FILTER (WHERE outcome = 'found') AS last_found_at,
-             max(seen_at) FILTER (WHERE outcome <> 'found') AS last_failed_at
+        let sql = format!(
+            "SELECT {COUNTS}
              FROM (SELECT outcome, seen_at,
                        row_number() OVER (PARTITION BY image_id ORDER BY seen_at DESC, orientation_id DESC) AS place
-                   FROM sightings WHERE control_point = $1) AS told WHERE place = 1",
+                   FROM sightings WHERE control_point = $1) AS told WHERE place = 1"
         );
-        Ok(counts.bind(control_point).fetch_one(&self.database).await?)
+        Ok(query(AssertSqlSafe(sql)).bind(control_point).fetch_one(&self.database).await?)
+    }
+
+    /// What accepted images say of each of these control points; those that none should show are left out.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn sightings_of(&self, control_points: &[&str]) -> Result<HashMap<String, SightingCounts>, StoreError> {
+        #[derive(FromRow)]
+        struct Row {
+            control_point: String,
+            #[sqlx(flatten)]
+            counts: SightingCounts,
+        }
+        let sql = format!(
+            "SELECT control_point, {COUNTS}
+             FROM (SELECT control_point, outcome, seen_at,
+                       row_number() OVER (PARTITION BY control_point, image_id ORDER BY seen_at DESC, orientation_id DESC)
+                           AS place
+                   FROM sightings WHERE control_point IN {}) AS told WHERE place = 1 GROUP BY control_point",
+            self.database.dialect(TEXTS)
+        );
+        let names = serde_json::json!(control_points).to_string();
+        let rows: Vec<Row> = query(AssertSqlSafe(sql)).bind(names).fetch_all(&self.database).await?;
+        Ok(rows.into_iter().map(|row| (row.control_point, row.counts)).collect())
     }
 
     /// The share of the latest sightings in which a control point was found where it is expected; `None` without any.
@@ -126,9 +155,7 @@ mod tests {
         }
         assert_eq!(counts(&bench, "church").await, [3, 0, 1]);
         assert_eq!(counts(&bench, "barn").await, [1, 3, 0]);
-        let unknown = bench.store.sightings("mill").await.unwrap();
-        let nothing = SightingCounts { found: 0, missed: 0, contradicts: 0, last_found_at: None, last_failed_at: None };
-        assert_eq!(unknown, nothing);
+        assert_eq!(bench.store.sightings("mill").await.unwrap(), SightingCounts::default());
         assert_eq!(bench.store.found_share().await.unwrap(), Some(0.5));
     }
 
@@ -146,6 +173,10 @@ mod tests {
         assert_eq!((church.last_found_at, church.last_failed_at), (finished_at(last).await, finished_at(other).await));
         let barn = bench.store.sightings("barn").await.unwrap();
         assert_eq!((barn.last_found_at, barn.last_failed_at), (finished_at(first).await, None));
+        // several at once
+        let all = bench.store.sightings_of(&["church", "barn", "mill", "o'clock \""]).await.unwrap();
+        assert_eq!(all, HashMap::from([("church".to_owned(), church), ("barn".to_owned(), barn)]));
+        assert_eq!(bench.store.sightings_of(&[]).await.unwrap(), HashMap::new());
     }
 
     #[tokio::test]

@@ -62,6 +62,10 @@ async fn a_list_is_posted_its_images_come_and_its_results_go() {
     assert_eq!(put(&working, &block, "b%2Fc.png", png(2)).await.status, 201);
     let done = until_done(&working, &block).await;
     assert_eq!((&done["progress"]["succeeded"], &done["verdicts"]["yellow"]), (&json!(2), &json!(2)));
+    let listed = working.service.get(&format!("/api/v1/orientations?block={block}")).await.json();
+    let names: Vec<_> = listed["items"].as_array().unwrap().iter().map(|item| &item["image_name"]).collect();
+    assert_eq!(names, ["c.png", "=evil.png"]);
+    assert_eq!(listed["items"][0]["block"], json!(block));
     // the same file again is no new orientation; another one has no place any more
     let again = put(&working, &block, "%3Devil.png", png(1)).await;
     assert_eq!((again.status.as_u16(), &again.json()["orientation"]), (200, &first.json()["orientation"]));

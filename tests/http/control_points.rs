@@ -128,3 +128,68 @@ async fn ten_thousand_are_imported_in_seconds() {
     let seconds = began.elapsed().as_secs_f64();
     assert!(seconds < 10.0, "{seconds} s");
 }
+
+#[tokio::test]
+async fn a_list_is_searched_by_name() {
+    let service = Service::new().await;
+    let names = ["Church_1", "church-2", "Barn 100%", "Mill", "CHURCH_3"];
+    let at = |i: usize, name: &str| feature(name, 5e5 + 1e3 * i as f64, 5.8e6);
+    let features: Vec<_> = names.iter().enumerate().map(|(i, name)| at(i, name)).collect();
+    import(&service, "crs=EPSG:25833", &features).await;
+    let list = async |query: &str| {
+        let page = service.get(&format!("/api/v1/control-points?crs=EPSG:25833&{query}")).await.json();
+        let name = |item: &Value| item["properties"]["name"].as_str().unwrap().to_owned();
+        (page["items"].as_array().unwrap().iter().map(name).collect::<Vec<_>>(), page["next_cursor"].clone())
+    };
+    assert_eq!(list("q=church").await.0, ["Church_1", "church-2", "CHURCH_3"]);
+    assert_eq!(list("q=church_").await.0, ["Church_1", "CHURCH_3"]);
+    assert_eq!(list("q=0%25").await.0, ["Barn 100%"]);
+    assert_eq!(list("q=").await.0.len(), 5);
+    assert_eq!(list("q=tower").await, (Vec::<String>::new(), Value::Null));
+    assert_eq!(list("q=church&bbox=500500,5700000,510000,5900000").await.0, ["church-2", "CHURCH_3"]);
+    let (first, next) = list("q=church&limit=2").await;
+    let (rest, end) = list(&format!("q=church&limit=2&cursor={}", next.as_str().unwrap())).await;
+    assert_eq!(([first, rest].concat().len(), end), (3, Value::Null));
+    for query in ["q=%00", &format!("q={}", "x".repeat(201))] {
+        assert_eq!(service.get(&format!("/api/v1/control-points?{query}")).await.problem(422), ["?q"]);
+    }
+    assert_eq!(service.get("/api/v1/control-points?health=maybe").await.problem(422), ["?health"]);
+}
+
+#[tokio::test]
+async fn a_list_tells_the_health_of_each_if_asked_for() {
+    let service = Service::new().await;
+    import(&service, "crs=EPSG:25833", &[feature("a", 5e5, 5.8e6), feature("b", 5.01e5, 5.8e6)]).await;
+    let plain = service.get("/api/v1/control-points").await.json();
+    assert!(plain["items"][0]["properties"].get("health").is_none(), "{plain}");
+    let listed = service.get("/api/v1/control-points?health=true").await.json();
+    for item in listed["items"].as_array().unwrap() {
+        let health = json!({"seen_in": 0, "found": 0, "missed": 0, "contradicts": 0, "outdated": false});
+        assert_eq!(item["properties"]["health"], health);
+        assert_eq!(item["properties"]["sigma_m"].as_f64().map(|sigma_m| sigma_m >= 0.1), Some(true));
+    }
+}
+
+#[tokio::test]
+async fn the_extent_is_that_of_all() {
+    let service = Service::new().await;
+    let extent = async |query: &str| service.get(&format!("/api/v1/control-points/extent{query}")).await;
+    assert_eq!(extent("").await.json(), json!({"count": 0}));
+    import(&service, "crs=EPSG:25833", &[feature("a", 5e5, 5.8e6), feature("b", 5.2e5, 5.81e6)]).await;
+    let told = extent("").await.json();
+    assert_eq!(told["count"], 2);
+    let bbox = |told: &Value| told["bbox"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect::<Vec<_>>();
+    // the first lies on the central meridian
+    let geographic = bbox(&told);
+    assert!((geographic[0] - 15.0).abs() < 1e-5 && geographic[2] > 15.29 && geographic[2] < 15.30, "{told}");
+    let projected = bbox(&extent("?crs=EPSG:25833").await.json());
+    let around = [5e5, 5.8e6, 5.2001e5, 5.81e6];
+    for (k, (found, least)) in projected.iter().zip(around).enumerate() {
+        // rather too large than too small; parallels are curved
+        let beyond = if k < 2 { least - found } else { found - least };
+        assert!((-0.01..120.0).contains(&beyond), "{projected:?}");
+    }
+    extent("?crs=EPSG:1").await.problem(422);
+    extent("?crs=EPSG:25833&limit=5").await.problem(422);
+    assert_eq!(service.get("/api/v1/control-points/a").await.status, 200);
+}

@@ -26,6 +26,7 @@ mod kill;
 #[path = "../shared/labelled.rs"]
 mod labelled;
 mod orientations;
+mod pictures;
 mod rates;
 mod removal;
 mod reviews;
@@ -34,6 +35,7 @@ mod scene_commands;
 mod scratch;
 mod sessions;
 mod sockets;
+mod statistics;
 mod support;
 mod terrestrial;
 mod tools;

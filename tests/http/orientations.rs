@@ -313,6 +313,8 @@ async fn list_is_filtered_and_paged() {
     assert_eq!([first, second].concat(), newest_first);
     assert_eq!(end, Value::Null);
     assert_eq!(list("until=2020-01-01T00:00:00Z").await.0.len(), 0);
+    assert_eq!(list("since=%2B200000-01-01T00:00:00Z").await.0.len(), 0);
+    assert_eq!(list("since=-200000-01-01T00:00:00Z&until=%2B200000-01-01T00:00:00Z").await.0.len(), 3);
     assert_eq!(list("camera=camera&reason=few_control_points&review=open&until=2100-01-01T00:00:00Z").await.0.len(), 3);
     assert_eq!(list("camera=other").await.0.len(), 0);
     assert_eq!(list("block=01a20225-f91a-7133-9892-18bd6449110e").await.0.len(), 0);

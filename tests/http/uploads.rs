@@ -63,6 +63,7 @@ async fn a_file_comes_in_pieces_and_is_an_image() {
     assert_eq!((&shown["filename"], shown["received_bytes"].as_u64()), (&"a.jpg".into(), Some(file.len() as u64)));
     let image = service.get(&format!("/api/v1/images/{}", shown["image"].as_str().unwrap())).await.json();
     assert_eq!(image["sha256"], gable::store::images::hexadecimal(&Sha256::digest(&file)).as_str());
+    assert_eq!(image["name"], "a.jpg");
     assert_eq!(service.files("incoming"), Vec::<String>::new());
     // the answer to the last piece may be lost: it can be asked for again
     assert_eq!(offset(&service, &upload).await, file.len());

@@ -1,5 +1,7 @@
 //! How a control point does in accepted images: is it out of date?
 
+use std::collections::HashMap;
+
 use axum::extract::State;
 use chrono::{DateTime, Utc};
 use serde::Serialize;
@@ -68,6 +70,40 @@ pub(super) async fn health(
     let counts = state.store.sightings(&name).await?;
     let usually_found = state.store.found_share().await?.unwrap_or(USUALLY_FOUND);
     Ok(axum::Json(judged(name, &counts, usually_found)))
+}
+
+/// How a control point does, in short.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub(super) struct HealthInShort {
+    /// Accepted images that should show it.
+    seen_in: u32,
+    /// Images in which it was found where it should be.
+    found: u32,
+    /// Images in which nothing was found of it.
+    missed: u32,
+    /// Images in which it was found, but not where all other control points expect it.
+    contradicts: u32,
+    /// Whether it is probably out of date.
+    outdated: bool,
+    /// When it was last found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    last_found_at: Option<DateTime<Utc>>,
+    /// When it last failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    last_failed_at: Option<DateTime<Utc>>,
+}
+
+/// How each of these control points does, by name.
+pub(super) async fn of_all(state: &AppState, names: &[&str]) -> Result<HashMap<String, HealthInShort>, Problem> {
+    let mut counts = state.store.sightings_of(names).await?;
+    let usually_found = state.store.found_share().await?.unwrap_or(USUALLY_FOUND);
+    let health = |name: &&str| {
+        let judged = judged((*name).to_owned(), &counts.remove(*name).unwrap_or_default(), usually_found);
+        let HealthAnswer { name, seen_in, found, missed, contradicts, outdated, last_found_at, last_failed_at, .. } =
+            judged;
+        (name, HealthInShort { seen_in, found, missed, contradicts, outdated, last_found_at, last_failed_at })
+    };
+    Ok(names.iter().map(health).collect())
 }
 
 fn judged(name: String, counts: &SightingCounts, usually_found: f64) -> HealthAnswer {

@@ -7,7 +7,7 @@ use utoipa::IntoParams;
 use uuid::Uuid;
 
 use super::answer::OrientationAnswer;
-use crate::http::extract::{Query, searched};
+use crate::http::extract::{Query, comparable, searched};
 use crate::http::page::{Page, Wanted};
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
@@ -90,8 +90,8 @@ impl ListQuery {
             camera_id,
             block_id: self.block,
             text: searched("q", self.q.as_deref())?.map(str::to_owned),
-            since: self.since,
-            until: self.until,
+            since: self.since.map(comparable),
+            until: self.until.map(comparable),
             before,
         })
     }

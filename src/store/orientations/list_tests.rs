@@ -229,6 +229,8 @@ async fn ten_thousand_are_listed_in_time_with_every_filter() {
         Filter { since: Some(now()), ..none() },
         Filter { until: Some(now() - TimeDelta::days(9)), ..none() },
     ];
+    // without optimisation SQLite is several times slower
+    let most = Duration::from_millis(if cfg!(debug_assertions) { 1000 } else { 100 });
     for filter in filters {
         let told = plan(bench.store.database(), listed(&filter, 100)).await;
         let mut took = Duration::MAX;
@@ -238,6 +240,6 @@ async fn ten_thousand_are_listed_in_time_with_every_filter() {
             took = took.min(began.elapsed());
         }
         eprintln!("{took:?} for {filter:?}: {told}");
-        assert!(took < Duration::from_millis(100), "{took:?}: {filter:?}: {told}");
+        assert!(took < most, "{took:?}: {filter:?}: {told}");
     }
 }

@@ -4,7 +4,7 @@ use chrono::{DateTime, Utc};
 use uuid::Uuid;
 
 use super::{Orientation, Row, Status};
-use crate::database::{Query, query};
+use crate::database::{Query, containing, query};
 use crate::store::{Store, StoreError};
 
 /// What a list of orientations is restricted to.
@@ -109,7 +109,7 @@ pub(super) fn listed(filter: &Filter, limit: u32) -> Query {
 fn with_text(query: Query, text: &str) -> Query {
     let named = query
         .then(" AND (lower((SELECT name FROM images WHERE images.id = o.image_id)) LIKE lower(?) ESCAPE '\\'")
-        .bind(anywhere(text));
+        .bind(containing(text));
     let Some([first, last]) = ids_beginning_with(text) else { return named.then(")") };
     named
         .then(" OR (o.id >= ?")
@@ -120,12 +120,6 @@ fn with_text(query: Query, text: &str) -> Query {
         .bind(first)
         .then(" AND o.image_id <= ?))")
         .bind(last)
-}
-
-/// The pattern of LIKE, with the backslash as its escape, for a text anywhere.
-pub(crate) fn anywhere(text: &str) -> String {
-    let escaped = text.replace('\\', "\\\\").replace('%', "\\%").replace('_', "\\_");
-    format!("%{escaped}%")
 }
 
 /// The first and the last id that begin with these hexadecimal digits, with or without hyphens.
@@ -139,12 +133,6 @@ fn ids_beginning_with(text: &str) -> Option<[Uuid; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn wildcards_of_a_text_stand_for_themselves() {
-        assert_eq!(anywhere("a"), "%a%");
-        assert_eq!(anywhere("50%_\\x"), "%50\\%\\_\\\\x%");
-    }
 
     #[test]
     fn ids_are_found_by_their_first_digits() {
