@@ -221,6 +221,46 @@ describe('live', () => {
   });
 });
 
+test('a page of the list that cannot be had is said, and asked for again', async () => {
+  const items = Array.from({ length: 400 }, (_, number) => orientation(number));
+  let broken = true;
+  const page = await browser.page(running.url, {
+    prepare: async (opened) => {
+      await fakeOrientations(opened, items);
+      await opened.route(/\/api\/v1\/orientations\?.*cursor=/, (route) => (broken
+        ? route.fulfill({ status: 500, contentType: 'application/problem+json', json: { title: 'Out of order', detail: 'Out of order for now.' } }) : route.fallback()));
+    },
+  });
+  await rowOf(page, idOf(0)).waitFor();
+  await page.keyboard.press('End');
+  await page.getByRole('alert').getByText('Out of order for now.').waitFor();
+  await axe(page);
+  broken = false;
+  await page.getByRole('button', { name: 'Try again' }).click();
+  await page.getByRole('alert').waitFor({ state: 'detached' });
+  await page.keyboard.press('End');
+  await rowOf(page, idOf(399)).waitFor();
+});
+
+test('a window that is not seen gives its connection back', async () => {
+  let connections = 0;
+  const page = await browser.page(running.url, {
+    prepare: (opened) => opened.route(/\/orientations\/events/, (route) => {
+      connections += 1;
+      return route.fulfill({ contentType: 'text/event-stream', body: 'retry: 100000\n\n' });
+    }),
+  });
+  await rowOf(page, yellow.id).waitFor();
+  assert.equal(connections, 1);
+  const seen = (hidden) => page.evaluate((value) => {
+    Object.defineProperty(document, 'hidden', { value, configurable: true });
+    document.dispatchEvent(new Event('visibilitychange'));
+  }, hidden);
+  await seen(true);
+  await seen(false);
+  await until(() => connections === 2, 'it listens again');
+});
+
 test('ten thousand rows: the first ones at once, the last ones by a key, few of them in the document', async () => {
   const items = Array.from({ length: 10_000 }, (_, number) => orientation(number));
   const begun = Date.now();

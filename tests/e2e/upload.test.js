@@ -192,6 +192,23 @@ describe('sending', () => {
     await row(page, 'letter.png').waitFor({ state: 'detached' });
   });
 
+  test('begins where files are dropped, and nowhere else', async () => {
+    const page = await opened();
+    const drop = async (place, name) => {
+      const data = await page.evaluateHandle(([bytes, called]) => {
+        const transfer = new DataTransfer();
+        transfer.items.add(new File([new Uint8Array(bytes)], called, { type: 'image/png' }));
+        return transfer;
+      }, [[...variant(scene().photograph, name)], name]);
+      await page.locator(place).dispatchEvent('drop', { dataTransfer: data });
+    };
+    await drop('.upload h1', 'beside.png');
+    await drop('.drop-zone', 'dropped.png');
+    await row(page, 'dropped.png').getByText('Uploaded').waitFor();
+    assert.equal(await row(page, 'beside.png').count(), 0);
+    assert.equal(new URL(page.url()).pathname, '/upload');
+  });
+
   test('goes on while other pages are looked at', async () => {
     const page = await opened();
     await choose(page, photograph('stays.png'));

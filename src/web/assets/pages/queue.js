@@ -2,7 +2,7 @@
 
 import { createRef, html, ifDefined, nothing, ref, render } from '../vendor/lit.js';
 import { api } from '../api.js';
-import { t } from '../texts.js';
+import { problemText, t } from '../texts.js';
 import { onKeys, showKeys } from '../parts/keys.js';
 import { decide } from '../parts/reviews.js';
 import { counters, counts } from './queue/counters.js';
@@ -60,7 +60,15 @@ class Queue {
       '/': () => this.place.querySelector('[data-filter=q]').focus(), '?': () => { showKeys(queueKeys()); },
     });
     addEventListener('resize', this.#draw);
+    document.addEventListener('visibilitychange', this.#seen);
   }
+
+  // a window that nobody sees leaves its connection to the others
+  #seen = () => {
+    if (document.hidden) { this.list.rest(); return; }
+    this.list.live();
+    this.list.refresh();
+  };
 
   end() {
     left = { search: location.search, current: this.#current, top: this.#scroller.value?.scrollTop, count: this.list.items.length };
@@ -69,6 +77,7 @@ class Queue {
     this.endKeys();
     Object.values(this.#timers).forEach(clearTimeout);
     removeEventListener('resize', this.#draw);
+    document.removeEventListener('visibilitychange', this.#seen);
   }
 
   async #open() {
@@ -157,6 +166,8 @@ class Queue {
       ${this.#empty() ?? html`<div class="rows" role="grid" tabindex="0" aria-label=${t('queue.title')} aria-busy=${list.complete ? 'false' : 'true'}
         aria-rowcount=${list.complete ? list.items.length + 1 : -1} @scroll=${this.#scrolled} ${ref(this.#scroller)}
         aria-activedescendant=${ifDefined(current >= from && current < to ? `row-${this.#current}` : undefined)}>${rows(view)}</div>`}
+      ${list.items.length && list.failure ? html`<p class="list-failure" role="alert"><span class="fault">${problemText(list.failure)}</span>
+        <button type="button" @click=${() => list.more()}>${t('queue.again')}</button></p>` : nothing}
     </section>`, this.place);
     if (!scroller && this.#scroller.value) { this.#draw(); return; }
     if (this.#settled) list.complement(list.items.slice(from, to));

@@ -103,7 +103,7 @@ export default {
   },
   keys: { title: 'Tasten', single: 'Tasten aus einem Zeichen sind eingeschaltet' },
   review: {
-    open: 'Offen', accepted: 'Angenommen', rejected: 'Abgelehnt', reject: 'Ablehnen', accept: 'Annehmen', why: 'Warum?',
+    open: 'Offen', accepted: 'Angenommen', rejected: 'Abgelehnt', reject: 'Ablehnen', why: 'Warum?',
     reject_title: '{name} ablehnen', accepted_notice: '{name} angenommen', rejected_notice: '{name} abgelehnt',
   },
   queue: {
@@ -168,7 +168,7 @@ export default {
   dashboard: {
     title: 'Übersicht', span: 'Zeitraum', span_24h: '24 Stunden', span_7d: '7 Tage', span_30d: '30 Tage', span_90d: '90 Tage', step: 'Schritt', step_hour: 'Stunde', step_day: 'Tag',
     ready: 'Dienst bereit', not_ready: 'Dienst nicht bereit', queued: 'wartend', running: 'in Arbeit', oldest: 'längste Wartezeit', median: 'Median', p95: '95. Perzentil', oriented: 'im Zeitraum orientiert', per_hour: 'je Stunde',
-    now: 'Jetzt', time_of_one: 'Dauer einer Orientierung', throughput: 'Durchsatz', verdicts: 'Urteile', chart: 'Urteile je {step}, {from} bis {until}', as_table: 'Als Tabelle', at: 'Beginn',
+    verdicts: 'Urteile', chart: 'Urteile je {step}, {from} bis {until}', as_table: 'Als Tabelle', at: 'Beginn',
     submitted: 'Beauftragt', failed: 'Fehlgeschlagen', cancelled: 'Abgebrochen', accepted: 'Angenommen', rejected: 'Abgelehnt',
     reasons: 'Gründe', failures: 'Fehlschläge', decisions: 'Entscheidungen von Hand', none: 'Keine in diesem Zeitraum.', count: 'Anzahl', updated: 'Stand {time}', missing: 'Dieser Dienst hat keine Statistik.',
   },

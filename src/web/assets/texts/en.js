@@ -103,7 +103,7 @@ export default {
   },
   keys: { title: 'Keys', single: 'Keys of a single character are on' },
   review: {
-    open: 'Open', accepted: 'Accepted', rejected: 'Rejected', reject: 'Reject', accept: 'Accept', why: 'Why?',
+    open: 'Open', accepted: 'Accepted', rejected: 'Rejected', reject: 'Reject', why: 'Why?',
     reject_title: 'Reject {name}', accepted_notice: '{name} accepted', rejected_notice: '{name} rejected',
   },
   queue: {
@@ -143,7 +143,7 @@ export default {
     drop_list: 'With them a list of positions (CSV, GeoJSON, or lines name X Y Z), if you have one: then they make a block. Otherwise positions come from the images, or you type them.',
     settings: 'Settings', more: 'More', start: 'Orient all', start_one: 'Orient', clear: 'Clear those that are done',
     still_sending: '{count} being uploaded', still_lacking: '{count} need something', done: '{done} of {all} oriented',
-    camera: 'Camera', camera_auto: 'Recognise by the image', camera_none: 'No camera for {size}', camera_missing: 'No camera fits the images: choose one.',
+    camera: 'Camera', camera_auto: 'As the image shows', camera_none: 'No camera for {size}', camera_missing: 'No camera fits the images: choose one.',
     camera_new: 'New camera', camera_name: 'Name', camera_width: 'Width, px', camera_height: 'Height, px',
     camera_principal_distance_px: 'Principal distance, px', camera_x0: 'Principal point x, px', camera_y0: 'Principal point y, px',
     camera_hint: 'The principal point is counted from the corner of the top-left pixel; left empty, it is the middle. Distortion after Brown:',
@@ -168,7 +168,7 @@ export default {
   dashboard: {
     title: 'Dashboard', span: 'Span', span_24h: '24 hours', span_7d: '7 days', span_30d: '30 days', span_90d: '90 days', step: 'Step', step_hour: 'Hour', step_day: 'Day',
     ready: 'Service ready', not_ready: 'Service not ready', queued: 'waiting', running: 'running', oldest: 'longest wait', median: 'median', p95: '95th percentile', oriented: 'oriented in the span', per_hour: 'an hour',
-    now: 'Now', time_of_one: 'Time of an orientation', throughput: 'Throughput', verdicts: 'Verdicts', chart: 'Verdicts by {step}, {from} to {until}', as_table: 'As a table', at: 'Begin',
+    verdicts: 'Verdicts', chart: 'Verdicts by {step}, {from} to {until}', as_table: 'As a table', at: 'Begin',
     submitted: 'Asked for', failed: 'Failed', cancelled: 'Cancelled', accepted: 'Accepted', rejected: 'Rejected',
     reasons: 'Reasons', failures: 'Failures', decisions: 'Decisions of staff', none: 'None in this span.', count: 'Count', updated: 'As of {time}', missing: 'This service has no statistics.',
   },

@@ -47,12 +47,21 @@ export class OrientationList {
 
   /** Begins to listen to what happens in the service. */
   live() {
+    this.#unfollow();
     this.#unfollow = follow('/orientations/events', {
       change: (event) => this.#heard(event),
       missed: () => this.refresh(),
       // closed for good, as the session has ended or the service is being renewed: later again
       error: (_, source) => source.readyState === EventSource.CLOSED && this.#later(() => { this.live(); this.refresh(); }, AGAIN_MS),
     });
+  }
+
+  /** Listens no more, until `live`: a browser has few connections to a service for all its windows together. */
+  rest() {
+    this.#unfollow();
+    this.#timers.forEach(clearTimeout);
+    this.#timers.clear();
+    this.#refreshing = null;
   }
 
   end() {

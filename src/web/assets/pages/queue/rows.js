@@ -27,6 +27,9 @@ export function probability(share) {
   return share < 0.01 ? `< ${percent(0.01)}` : percent(share);
 }
 
+// the service's score where there was nothing to judge
+const NO_SCORE = -99;
+
 function state(item) {
   if (item.status === 'succeeded') return verdict(item.verdict);
   const stage = item.status === 'running' && item.stage ? t(`stage.${item.stage}`) : t(`status.${item.status}`);
@@ -73,7 +76,7 @@ function row(item, index, view) {
     ${cell('verdict', state(item))}
     ${cell('image', html`${thumbnail(item, view)}<a class="row-link" tabindex=${isCurrent ? 0 : -1} title=${nameOf(item)}
       href="/orientations/${item.id}${view.search}">${nameOf(item)}</a>`)}
-    ${cell('score', item.diagnosis ? number(item.diagnosis.score, 1, { exactly: true }) : '')}
+    ${cell('score', item.diagnosis ? number(item.diagnosis.score > NO_SCORE ? item.diagnosis.score : null, 1, { exactly: true }) : '')}
     ${cell('probability', item.diagnosis ? probability(item.diagnosis.probability_correct) : '')}
     ${cell('reasons', reasons(item))}
     ${cell('camera', html`<span class="cut" title=${item.camera_name ?? item.camera}>${item.camera_name ?? item.camera.slice(0, 8)}</span>`)}
