@@ -72,7 +72,7 @@ test('span and step are in the address', async () => {
 test('the real figures', async (t) => {
   if (!(await knows(running, 'GET', '/statistics'))) { t.skip('the service has no statistics yet'); return; }
   const page = await browser.page(`${running.url}/dashboard`);
-  assert.equal(await page.locator('.chart .bar-green').count(), 1);
+  await page.locator('.chart .bar-green').waitFor();
   await page.getByRole('link', { name: 'Everything agrees' }).click();
   await page.locator(`#row-${running.orientation}`).waitFor();
 });

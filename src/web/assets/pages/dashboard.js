@@ -84,7 +84,8 @@ function counted(statistics, width) {
   const all = (name) => statistics.steps.reduce((count, step) => count + step[name], 0);
   const hours = (new Date(statistics.until) - new Date(statistics.since)) / HOUR_MS;
   const oldest = statistics.oldest_queued_at;
-  const figure = (value, text, address) => html`<div class="figure-of"><dt>${address ? html`<a href=${address}>${text}</a>` : text}</dt><dd>${value}</dd></div>`;
+  const figure = (value, text, address) => html`<div class="figure-of">
+    <dt>${address ? html`<a href=${address}>${text}</a>` : text}</dt><dd>${value}</dd></div>`;
   const { since } = statistics;
   const counts = (name, items, text, address) => html`<section><h2>${t(`dashboard.${name}`)}</h2>${countTable(name, items, text, address)}</section>`;
   return html`
@@ -101,7 +102,8 @@ function counted(statistics, width) {
     <div class="by-count">
       ${counts('reasons', statistics.reasons, reasonText, (code) => `/?reason=${encodeURIComponent(code)}&since=${since}`)}
       ${counts('failures', statistics.failures, failureText, () => `/?status=failed&since=${since}`)}
-      ${counts('decisions', ['accepted', 'rejected'].map((code) => ({ code, count: all(code) })), ({ code }) => t(`review.${code}`), (code) => `/?review=${code}&since=${since}`)}
+      ${counts('decisions', ['accepted', 'rejected'].map((code) => ({ code, count: all(code) })),
+        ({ code }) => t(`review.${code}`), (code) => `/?review=${code}&since=${since}`)}
     </div>`;
 }
 

@@ -24,16 +24,16 @@ export function stepText(at, step) {
     : { day: 'numeric', month: 'short', timeZone: 'UTC' });
 }
 
+const nameOf = (column) => t(['green', 'yellow', 'red'].includes(column) ? `verdict.${column}` : `dashboard.${column}`);
 const sum = (step) => PARTS.reduce((count, part) => count + step[part], 0);
 
 function bar(step, x, width, y) {
   let below = 0;
-  const parts = PARTS.filter((part) => step[part]).map((part) => {
+  return PARTS.filter((part) => step[part]).map((part) => {
     const from = below;
     below += step[part];
     return svg`<rect class="bar bar-${part}" x=${x} width=${width} y=${y(below)} height=${Math.max(0, y(from) - y(below))}></rect>`;
   });
-  return parts;
 }
 
 /** The chart, `width` pixels wide, of `steps` of the statistics. */
@@ -46,7 +46,7 @@ export function chart({ steps, step, since, until }, width) {
   const gap = pitch > 6 ? Math.min(6, pitch * 0.25) : pitch > 2 ? 1 : 0;
   const every = Math.ceil(LEAST_LABEL_PX / pitch);
   const lines = Array.from({ length: Math.round(top / each) + 1 }, (_, index) => index * each);
-  const told = (one) => `${stepText(one.at, step)}: ${PARTS.map((part) => `${t(part === 'failed' ? 'dashboard.failed' : `verdict.${part}`)} ${number(one[part])}`).join(', ')}`;
+  const told = (one) => `${stepText(one.at, step)}: ${PARTS.map((part) => `${nameOf(part)} ${number(one[part])}`).join(', ')}`;
   const label = t('dashboard.chart', { step: t(`dashboard.step_${step}`), from: time(since), until: time(until) });
   return html`<svg class="chart" role="img" aria-label=${label} viewBox="0 0 ${width} ${HEIGHT}" width=${width} height=${HEIGHT}>
     <defs>${hatching('yellow', 45)}${hatching('red', -45)}</defs>
@@ -67,16 +67,18 @@ function hatching(name, angle) {
 
 /** What the parts of the bars are. */
 export function legend() {
-  return html`<ul class="legend">${PARTS.map((part) => html`<li><svg class="swatch" viewBox="0 0 14 14" aria-hidden="true"><rect class="bar bar-${part}" width="14" height="14"></rect></svg>
+  return html`<ul class="legend">${PARTS.map((part) => html`<li>
+    <svg class="swatch" viewBox="0 0 14 14" aria-hidden="true"><rect class="bar bar-${part}" width="14" height="14"></rect></svg>
     ${part === 'failed' ? t('dashboard.failed') : verdict(part)}</li>`)}</ul>`;
 }
 
 /** The same as a table, with all that the service counts. */
 export function stepTable({ steps, step }) {
   const columns = ['submitted', ...PARTS, 'cancelled', 'accepted', 'rejected'];
-  const name = (column) => t(['green', 'yellow', 'red'].includes(column) ? `verdict.${column}` : `dashboard.${column}`);
-  return html`<details class="as-table"><summary>${t('dashboard.as_table')}</summary><div class="scrolled" tabindex="0" role="region" aria-label=${t('dashboard.verdicts')}>
-    <table class="plain-table"><thead><tr><th scope="col">${t('dashboard.at')}</th>${columns.map((column) => html`<th scope="col" class="figure">${name(column)}</th>`)}</tr></thead>
+  return html`<details class="as-table"><summary>${t('dashboard.as_table')}</summary>
+    <div class="scrolled" tabindex="0" role="region" aria-label=${t('dashboard.verdicts')}><table class="plain-table">
+    <thead><tr><th scope="col">${t('dashboard.at')}</th>
+      ${columns.map((column) => html`<th scope="col" class="figure">${nameOf(column)}</th>`)}</tr></thead>
     <tbody>${steps.toReversed().map((one) => html`<tr><th scope="row">${stepText(one.at, step)}</th>
       ${columns.map((column) => html`<td class="figure">${number(one[column])}</td>`)}</tr>`)}</tbody></table></div></details>`;
 }

@@ -12,8 +12,11 @@ export const ROW_PX = 48;
 const BEYOND = 6;
 const COLUMNS = ['verdict', 'image', 'score', 'probability', 'reasons', 'camera', 'created', 'review'];
 
+// as much of an id as is another for each: that it begins with is its time
+const briefly = (id) => id.slice(0, 13);
+
 /** The name of an orientation's image, or what stands for it. */
-export const nameOf = (item) => item.image_name ?? item.image.slice(0, 8);
+export const nameOf = (item) => item.image_name ?? briefly(item.image);
 
 /** The rows in view of a place that is scrolled: the first one and the one after the last. */
 export function rangeOf(place, count) {
@@ -79,7 +82,7 @@ function row(item, index, view) {
     ${cell('score', item.diagnosis ? number(item.diagnosis.score > NO_SCORE ? item.diagnosis.score : null, 1, { exactly: true }) : '')}
     ${cell('probability', item.diagnosis ? probability(item.diagnosis.probability_correct) : '')}
     ${cell('reasons', reasons(item))}
-    ${cell('camera', html`<span class="cut" title=${item.camera_name ?? item.camera}>${item.camera_name ?? item.camera.slice(0, 8)}</span>`)}
+    ${cell('camera', html`<span class="cut" title=${item.camera_name ?? item.camera}>${item.camera_name ?? briefly(item.camera)}</span>`)}
     ${cell('created', html`<time datetime=${item.created_at} title=${time(item.created_at, { dateStyle: 'full', timeStyle: 'medium' })}>${
       time(item.created_at, { dateStyle: 'short', timeStyle: 'short' })}</time>`)}
     ${cell('review', review(item, own))}

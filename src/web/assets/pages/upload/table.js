@@ -50,11 +50,13 @@ function position(entry, work) {
         ${entry.orientation ? nothing : html`<button type="button" class="quiet link" @click=${() => { entry.editing = true; work.tell(); }}>
           ${t('upload.position_change')}<span class="unseen"> (${t('upload.position_of', { name: entry.name })})</span></button>`}</span></span>`;
   }
+  const wrong = lacks === 'position' || lacks === 'typed';
+  const hint = t(isGeographic(work.settings.crs) ? 'upload.position_hint_geographic' : 'upload.position_hint');
   const changed = (event) => { Object.assign(entry, { typed: event.target.value, fault: null, key: null }); work.tell(); };
   return html`<label class="typed"><span class="unseen">${t('upload.position_of', { name: entry.name })}</span>
-    <input .value=${typed} placeholder=${t(isGeographic(work.settings.crs) ? 'upload.position_hint_geographic' : 'upload.position_hint')} autocomplete="off" ?disabled=${entry.orientation !== null}
-      aria-invalid=${lacks === 'position' || lacks === 'typed' ? 'true' : 'false'} @input=${changed}></label>
-    ${lacks === 'position' || lacks === 'typed' ? html`<span class="fault">${t(`upload.lacks_${lacks}`)}</span>` : nothing}`;
+    <input .value=${typed} placeholder=${hint} autocomplete="off" ?disabled=${entry.orientation !== null}
+      aria-invalid=${wrong ? 'true' : 'false'} @input=${changed}></label>
+    ${wrong ? html`<span class="fault">${t(`upload.lacks_${lacks}`)}</span>` : nothing}`;
 }
 
 function result(entry) {
