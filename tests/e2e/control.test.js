@@ -5,7 +5,7 @@ import { readFileSync } from 'node:fs';
 import { after, before, test } from 'node:test';
 import { axe, launch, scene, service, until } from './support.js';
 
-const XSS = '<img src=x onerror="window.hacked=1">';
+const XSS = '<img src=x onerror=window.hacked=1>';
 let browser;
 let served;
 

@@ -6,7 +6,7 @@ import { decoded, viewerScale } from './pixels.js';
 import { axe, launch, oriented, scene, service, until, variant } from './support.js';
 
 const MATCHED = [0x56, 0xb4, 0xe9];
-const XSS = '<img src=x onerror="window.hacked=1">';
+const XSS = '<img src=x onerror=window.hacked=1>';
 let browser;
 let served;
 let drawing;

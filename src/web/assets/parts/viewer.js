@@ -3,6 +3,7 @@
 import { html, render } from '../vendor/lit.js';
 import { boundingExtent, buffer, interactions, Map as OlMap, Overlay, View } from '../vendor/ol.js';
 import { number, percent, t } from '../texts.js';
+import { way } from './motion.js';
 import { barLength, edgesOf, extentOf, flip } from './viewer/geometry.js';
 import { fill, fillHandles, LAYERS, vectorLayers } from './viewer/layers.js';
 import { moving } from './viewer/moving.js';
@@ -44,7 +45,7 @@ export function viewer(place, { image, select = () => {}, hover = () => {} }) {
   const marked = { selected: undefined, hovered: undefined };
   const emphasisOf = (name) => (name === undefined ? 'none' : name === marked.selected ? 'selected' : name === marked.hovered ? 'hovered' : 'none');
   const layers = vectorLayers(styles(emphasisOf));
-  const map = new OlMap({ target, view, controls: [], interactions: interactions({ zoomDuration: 150 }), layers: [tileLayer(image, projection), ...Object.values(layers)] });
+  const map = new OlMap({ target, view, controls: [], interactions: interactions({ zoomDuration: way(150) }), layers: [tileLayer(image, projection), ...Object.values(layers)] });
   let chosen = kept();
   let drawing;
   let pointer;
@@ -61,7 +62,7 @@ export function viewer(place, { image, select = () => {}, hover = () => {} }) {
     if (magnified) fill(layers.residuals, 'residuals', drawing, chosen.magnification);
     render(panel(chosen, choose), over);
   };
-  const zoomBy = (factor) => view.animate({ resolution: view.getResolution() / factor, duration: 150 });
+  const zoomBy = (factor) => view.animate({ resolution: view.getResolution() / factor, duration: way(150) });
   const readOut = () => {
     const [x, y] = flip(pointer ?? view.getCenter());
     const resolution = view.getResolution() ?? 1;
@@ -70,7 +71,7 @@ export function viewer(place, { image, select = () => {}, hover = () => {} }) {
       <button type="button" aria-label=${t('viewer.nearer')} title=${t('viewer.nearer')} @click=${() => zoomBy(2)}>+</button>
       <button type="button" aria-label=${t('viewer.farther')} title=${t('viewer.farther')} @click=${() => zoomBy(0.5)}>−</button>
       <button type="button" title=${t('viewer.whole_title')} @click=${fit}>${t('viewer.whole')}</button>
-      <button type="button" title=${t('viewer.one_title')} @click=${() => view.animate({ resolution: 1, duration: 150 })}>1:1</button>
+      <button type="button" title=${t('viewer.one_title')} @click=${() => view.animate({ resolution: 1, duration: way(150) })}>1:1</button>
       <span class="viewer-read"><span class="quiet-text">${t(pointer ? 'viewer.pointer' : 'viewer.centre')}</span>
         <span class="viewer-x" data-x=${x.toFixed(3)}>x ${number(x, 1, { exactly: true })}</span>
         <span class="viewer-y" data-y=${y.toFixed(3)}>y ${number(y, 1, { exactly: true })} px</span></span>
@@ -130,10 +131,10 @@ export function viewer(place, { image, select = () => {}, hover = () => {} }) {
       const extent = index >= 0 && extentOf(drawing.control_points[index], edgesOf(drawing, index));
       if (!extent) return;
       const box = boundingExtent([flip([extent[0], extent[1]]), flip([extent[2], extent[3]])]);
-      view.fit(buffer(box, 60), { padding: [60, 60, 60, 60], duration: 250, minResolution: 0.25 });
+      view.fit(buffer(box, 60), { padding: [60, 60, 60, 60], duration: way(250), minResolution: 0.25 });
     },
     /** Shows the surroundings of a pixel. */
-    centreOn: (at_px, resolution = 1) => view.animate({ center: flip(at_px), resolution: Math.min(resolution, view.getResolution()), duration: 250 }),
+    centreOn: (at_px, resolution = 1) => view.animate({ center: flip(at_px), resolution: Math.min(resolution, view.getResolution()), duration: way(250) }),
     /** Lets reference points be dragged: `moved(name, at_px)`; null ends that. */
     correct: (moved) => {
       if (mover) map.removeInteraction(mover);

@@ -3,6 +3,7 @@
 import { boundingExtent, CircleStyle, Cluster, controls, Feature, Fill, fromLonLat, GeoJSON, interactions, Map as OlMap, Point, RegularShape, ScaleLine, Stroke, Style, Text, transformExtent, VectorLayer, VectorSource, View } from '../../vendor/ol.js';
 import { colour, onTheme } from '../../parts/colours.js';
 import { graticule } from '../../parts/graticule.js';
+import { way } from '../../parts/motion.js';
 import { t } from '../../texts.js';
 import { CLASSES, classOf, SYMBOLS } from './health.js';
 
@@ -56,7 +57,7 @@ export function controlMap(target, { moved, choose }) {
   };
   const map = new OlMap({
     target, layers: [graticule(), ...Object.values(layers)], view: new View({ center: [0, 0], zoom: 2, maxZoom: 25 }),
-    interactions: interactions({ zoomDuration: 150 }),
+    interactions: interactions({ zoomDuration: way(150) }),
     controls: controls({ attribution: false, rotate: false, zoomOptions: { zoomInTipLabel: t('viewer.nearer'), zoomOutTipLabel: t('viewer.farther') } }).extend([new ScaleLine()]),
   });
   const view = map.getView();
@@ -67,7 +68,7 @@ export function controlMap(target, { moved, choose }) {
     const hit = map.forEachFeatureAtPixel(pixel, (feature) => feature, { hitTolerance: 5 });
     const inside = hit?.get('features');
     if (inside?.length > 1) {
-      view.fit(boundingExtent(inside.map((point) => point.getGeometry().getCoordinates())), { padding: [80, 80, 80, 80], duration: 250, minResolution: 0.05 });
+      view.fit(boundingExtent(inside.map((point) => point.getGeometry().getCoordinates())), { padding: [80, 80, 80, 80], duration: way(250), minResolution: 0.05 });
       return;
     }
     const feature = inside?.[0] ?? hit;
@@ -104,7 +105,7 @@ export function controlMap(target, { moved, choose }) {
     /** Brings a rectangle (west, south, east, north) into view. */
     fit: (box) => view.fit(transformExtent(box, 'EPSG:4326', 'EPSG:3857'), { padding: [40, 40, 40, 40], minResolution: 0.02 }),
     /** Brings a place (longitude, latitude) into view, near. */
-    goTo: (place) => view.animate({ center: fromLonLat(place), resolution: Math.min(view.getResolution(), 0.12), duration: 300 }),
+    goTo: (place) => view.animate({ center: fromLonLat(place), resolution: Math.min(view.getResolution(), 0.12), duration: way(300) }),
     reload: () => moved(bbox()),
     end: () => { stopTheme(); map.setTarget(undefined); },
   };

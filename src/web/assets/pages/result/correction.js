@@ -4,6 +4,8 @@
 import { api } from '../../api.js';
 
 const WAIT_MS = 120;
+const AGAIN_MS = 1000;
+const TRIES = 3;
 const NOTHING = { off: [], moved: [] };
 
 /** Whether nothing is corrected. */
@@ -55,7 +57,7 @@ export function correction(id, first, changed) {
     changed();
   }
 
-  async function send(signal) {
+  async function send(signal, tries = TRIES) {
     try {
       const answer = await api.post(`/orientations/${id}/trials`, steps[at], { signal });
       if (signal.aborted) return;
@@ -63,6 +65,11 @@ export function correction(id, first, changed) {
       self.error = undefined;
     } catch (error) {
       if (signal.aborted) return;
+      // what it has prepared was cleared away meanwhile: it prepares it again
+      if (error.status === 503 && tries > 1) {
+        timer = setTimeout(send, AGAIN_MS, signal, tries - 1);
+        return;
+      }
       self.error = error;
     }
     self.busy = undefined;

@@ -31,7 +31,7 @@ export function listenToKeys(state, acts) {
     onUndo(state),
     onKeys({
       j: () => acts.step(state.way.next), k: () => acts.step(state.way.previous),
-      a: () => may() && acts.accept(), r: () => may() && acts.reject(),
+      a: () => may() && state.orientation.result.projection_centre && acts.accept(), r: () => may() && acts.reject(),
       '?': () => { showKeys(entries()); },
     }),
   ];

@@ -4,6 +4,7 @@
 import { CircleStyle, controls, Fill, GeoJSON, interactions, Map as OlMap, RegularShape, ScaleLine, Stroke, Style, VectorLayer, VectorSource, View, isEmpty } from '../../vendor/ol.js';
 import { colour, onTheme } from '../../parts/colours.js';
 import { graticule } from '../../parts/graticule.js';
+import { way } from '../../parts/motion.js';
 import { DASHES } from '../../parts/viewer/styles.js';
 import { t } from '../../texts.js';
 
@@ -47,7 +48,7 @@ export function groundMap(target, choose) {
   const layer = new VectorLayer({ source, style: styleOf(made, () => selected), zIndex: 1 });
   const map = new OlMap({
     target, view: new View({ center: [0, 0], zoom: 2, maxZoom: 26 }), layers: [graticule(), layer],
-    interactions: interactions({ zoomDuration: 150 }), controls: controls({ attribution: false, rotate: false, zoomOptions: { zoomInTipLabel: t('viewer.nearer'), zoomOutTipLabel: t('viewer.farther') } }).extend([new ScaleLine()]),
+    interactions: interactions({ zoomDuration: way(150) }), controls: controls({ attribution: false, rotate: false, zoomOptions: { zoomInTipLabel: t('viewer.nearer'), zoomOutTipLabel: t('viewer.farther') } }).extend([new ScaleLine()]),
   });
   const stopTheme = onTheme(() => {
     made.clear();

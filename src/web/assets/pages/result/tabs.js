@@ -30,7 +30,9 @@ export function tabs(current, choose) {
 const PANELS = {
   verdict: (state, shown, { may, acts }) => verdictTab(shown.result, {
     choose: acts.choose,
-    decide: decisionButtons({ mayDecide: may('operator'), busy: state.busy, correcting: Boolean(state.correcting), mayCorrect: Boolean(state.drawing) }, { accept: acts.accept, reject: acts.reject, correct: () => acts.correct() }),
+    decide: decisionButtons({
+      mayDecide: may('operator'), mayAccept: Boolean(shown.result.projection_centre), busy: state.busy, correcting: Boolean(state.correcting), mayCorrect: Boolean(state.drawing),
+    }, { accept: acts.accept, reject: acts.reject, correct: () => acts.correct() }),
     reviews: reviewList(state.reviews, may('operator') ? acts.lookAt : undefined, state.looking),
   }),
   points: (state, shown, { acts }) => html`

@@ -47,10 +47,10 @@ export function reviewList(reviews, look, looking) {
 }
 
 /** The buttons by which staff decides. */
-export function decisionButtons({ mayDecide, busy, correcting, mayCorrect }, { accept, reject, correct }) {
+export function decisionButtons({ mayDecide, mayAccept, busy, correcting, mayCorrect }, { accept, reject, correct }) {
   if (!mayDecide) return html`<p class="quiet-text">${t('result.only_operators')}</p>`;
   return html`<div class="decide">
-    <button type="button" class="main" ?disabled=${busy || correcting} @click=${accept}>${t('result.accept')} <kbd aria-hidden="true">a</kbd></button>
+    <button type="button" class="main" ?disabled=${busy || correcting || !mayAccept} @click=${accept}>${t('result.accept')} <kbd aria-hidden="true">a</kbd></button>
     <button type="button" ?disabled=${busy || correcting} @click=${reject}>${t('result.reject')} <kbd aria-hidden="true">r</kbd></button>
     ${mayCorrect ? html`<button type="button" ?disabled=${correcting} @click=${correct}>${t('result.correct')}</button>` : nothing}</div>`;
 }

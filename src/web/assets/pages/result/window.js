@@ -22,7 +22,7 @@ function path(context, points, { tone, width, dash = [] }) {
   stroke(tone, width, dash);
 }
 
-function drawWindow(canvas, picture, seen, state) {
+function drawWindow(canvas, picture, seen, { state, located_px: located }) {
   const [x0, y0, width, height] = seen.window_px;
   const scale = canvas.width / Math.max(width, height);
   const at = ([x, y]) => [(x - x0) * scale, (y - y0) * scale];
@@ -39,8 +39,8 @@ function drawWindow(canvas, picture, seen, state) {
     path(context, [[x - 7, y - 7], [x + 7, y + 7]], { tone: colour('region'), width: 2 });
     path(context, [[x - 7, y + 7], [x + 7, y - 7]], { tone: colour('region'), width: 2 });
   }
-  if (seen.located_px) {
-    const [x, y] = at(seen.located_px);
+  if (located) {
+    const [x, y] = at(located);
     path(context, Array.from({ length: 25 }, (_, k) => [x + 7 * Math.cos(k * Math.PI / 12), y + 7 * Math.sin(k * Math.PI / 12)]), { tone: colour(state), width: 2 });
   }
 }
@@ -82,8 +82,8 @@ function template(name, seen) {
     ${accumulator ? html`<p class="heat-value">${t('result.accumulator')}: <output></output></p>${peaks(accumulator)}` : html`<p class="quiet-text">${t('result.no_accumulator')}</p>`}`;
 }
 
-/** The part for one control point in `element`: `{id, image}` of the orientation, and what is drawn of the point. */
-export async function showWindow(element, { id, image, name, state, signal }) {
+/** The part for one control point in `element`: `{id, image}` are those of the orientation, `drawn` is what is drawn of the point. */
+export async function showWindow(element, { id, image, name, drawn, signal }) {
   render(html`<p class="quiet-text" role="status">${t('result.loading')}</p>`, element);
   try {
     const seen = await api.get(`/orientations/${id}/control-points/${encodeURIComponent(name)}/window`, { signal });
@@ -93,7 +93,7 @@ export async function showWindow(element, { id, image, name, state, signal }) {
     await picture.decode().catch(() => {});
     if (signal.aborted) return;
     render(template(name, seen), element);
-    drawWindow(element.querySelector('.window-picture'), picture.naturalWidth ? picture : undefined, seen, state);
+    drawWindow(element.querySelector('.window-picture'), picture.naturalWidth ? picture : undefined, seen, drawn);
     if (!seen.accumulator) return;
     drawScale(element.querySelector('.heat-scale canvas'));
     const output = element.querySelector('.heat-value output');

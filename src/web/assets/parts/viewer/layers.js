@@ -30,7 +30,7 @@ const MAKE = {
     return feature('residuals', point, lines(vectors), { tips: new MultiPoint(vectors.map(([, to]) => flip(to))) });
   },
   references: (point) => {
-    const at = point.located_px ?? point.projected_px;
+    const at = point.located_px ?? point.projected_px ?? point.predicted_px;
     return at ? feature('references', point, new Point(flip(at))) : undefined;
   },
   names: (point, edges) => {

@@ -53,7 +53,7 @@ export function panel(chosen, change) {
           ${sample(SAMPLES[name])}<span>${t(`viewer.layer_${name}`)}</span></label>
         ${name === 'edges' ? html`<ul class="viewer-states" aria-label=${t('viewer.states')}>
           ${Object.keys(DASHES).map((state) => html`<li>${stateSample(state)}${t(`viewer.state_${state}`)}</li>`)}</ul>` : ''}`)}
-      <label class="viewer-slider"><span>${t('viewer.magnification')} <output>×${chosen.magnification}</output></span>
+      <label class="viewer-slider"><span>${t('viewer.magnification')} <span class="viewer-times">×${chosen.magnification}</span></span>
         <input type="range" name="magnification" min="0" max=${STEPS} .value=${String(toStep(chosen.magnification))} aria-valuetext=${`×${chosen.magnification}`}
           @input=${(event) => change({ ...chosen, magnification: fromStep(Number(event.target.value)) })}></label>
     </details>`;
