@@ -2,6 +2,9 @@
 
 const BASE = '/api/v1';
 
+/** The event of a call that was refused because nobody is logged in. */
+export const NOBODY = 'gable-nobody';
+
 /** What the service answers when it does not do what it was asked for (RFC 9457). */
 export class Problem extends Error {
   constructor(status, body, retryAfter_s) {
@@ -30,6 +33,8 @@ async function request(method, path, { query, body, headers = {}, signal, type }
   });
   const isJson = (response.headers.get('content-type') ?? '').includes('json');
   const answer = response.status === 204 ? null : isJson ? await response.json() : await response.text();
+  // a session that has ended: the frame finds out, and shows the login
+  if (response.status === 401 && path !== '/session') dispatchEvent(new Event(NOBODY));
   const wait = Number.parseInt(response.headers.get('retry-after') ?? '', 10);
   if (!response.ok) throw new Problem(response.status, isJson ? answer : { detail: answer }, Number.isNaN(wait) ? undefined : wait);
   return answer;

@@ -2,7 +2,7 @@
 // `pages/` with `show(place, context)`, which may return a function that ends it.
 
 import { html, render } from './vendor/lit.js';
-import { api, Problem } from './api.js';
+import { api, NOBODY, Problem } from './api.js';
 import { frame } from './parts/frame.js';
 import { notify } from './parts/notices.js';
 import { problemText, t } from './texts.js';
@@ -74,4 +74,5 @@ document.addEventListener('click', (event) => {
   go(address.pathname + address.search);
 });
 addEventListener('popstate', show);
+addEventListener(NOBODY, show);
 show();

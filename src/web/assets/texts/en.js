@@ -1,4 +1,4 @@
-// Every text of the pages in English. The same keys as in the other languages: `tests/pages.rs` holds them together.
+// Every text of the pages in English. The same keys as in the other languages: `tests/e2e/texts.test.js` holds them together.
 
 export default {
   frame: {

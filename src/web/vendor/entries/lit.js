@@ -4,4 +4,3 @@ export { ifDefined } from 'lit-html/directives/if-defined.js';
 export { live } from 'lit-html/directives/live.js';
 export { ref, createRef } from 'lit-html/directives/ref.js';
 export { repeat } from 'lit-html/directives/repeat.js';
-export { styleMap } from 'lit-html/directives/style-map.js';
