@@ -17,12 +17,16 @@ const LISTED = 200;
 const WAIT_MS = 250;
 const TABS = ['points', 'scenes', 'import'];
 const CRS = 'EPSG:4979';
+const LEGEND = ['good', 'doubtful', 'outdated', 'unseen'];
 
 async function all(path, query, most, signal) {
   const items = [];
   for await (const page of pages(path, query, { most, signal })) items.push(...page);
   return items;
 }
+
+const rank = (feature) => CLASSES.indexOf(classOf(feature.properties.health));
+const worstFirst = (a, b) => rank(a) - rank(b) || a.properties.name.localeCompare(b.properties.name, undefined, { numeric: true });
 
 async function extent() {
   try {
@@ -35,7 +39,8 @@ async function extent() {
 
 /** Shows the page. */
 export async function show(place, { may }) {
-  const state = { tab: 'points', inView: [], scenes: [], search: '', found: undefined, chosen: undefined, health: undefined, count: undefined, full: false, importing: newImport(), scene: newScene() };
+  const state = { tab: 'points', inView: [], scenes: [], search: '', found: undefined, chosen: undefined, health: undefined,
+    count: undefined, full: false, importing: newImport(), scene: newScene() };
   let running = new AbortController();
   let timer;
   let map;
@@ -50,7 +55,8 @@ export async function show(place, { may }) {
       const query = { crs: CRS, bbox: bbox.map((value) => value.toFixed(7)).join(',') };
       try {
         const [points, scenes] = await Promise.all([
-          all('/control-points', { ...query, health: true }, MOST, running.signal), all('/control-scenes', query, MOST, running.signal)]);
+          all('/control-points', { ...query, health: true }, MOST, running.signal),
+            all('/control-scenes', query, MOST, running.signal)]);
         Object.assign(state, { inView: points, scenes, full: points.length >= MOST });
         map.points(points);
         map.scenes(scenes);
@@ -83,7 +89,8 @@ export async function show(place, { may }) {
     draw();
     const feature = chosen?.kind === 'point' && known(chosen.name);
     if (go) {
-      const at = feature ? feature.properties.reference : state.scenes.find((scene) => scene.name === chosen.name)?.reference.coordinates;
+      const at = feature ? feature.properties.reference
+        : state.scenes.find((scene) => scene.name === chosen.name)?.reference.coordinates;
       if (at) map.goTo(at);
     }
     if (!feature) return;
@@ -96,7 +103,8 @@ export async function show(place, { may }) {
   }
 
   async function remove(path, name) {
-    const sure = await confirm({ title: t('control.delete_title', { name }), text: t('control.delete_text'), yes: t('control.delete'), danger: true });
+    const sure = await confirm({ title: t('control.delete_title', { name }), text: t('control.delete_text'),
+      yes: t('control.delete'), danger: true });
     if (!sure) return;
     try {
       await api.delete(path);
@@ -117,34 +125,44 @@ export async function show(place, { may }) {
 
   const entry = (feature) => {
     const { name, health } = feature.properties;
-    return html`<li><button type="button" class="control-entry" aria-current=${state.chosen?.name === name ? 'true' : nothing} @click=${() => choose({ kind: 'point', name }, { go: true })}>
+    return html`<li><button type="button" class="control-entry" aria-current=${state.chosen?.name === name ? 'true' : nothing}
+      @click=${() => choose({ kind: 'point', name }, { go: true })}>
       ${healthSign(classOf(health), { quiet: true })}<span class="entry-name">${name}</span>
-      <span class="quiet-text figure">${health?.seen_in ? t('control.found_of', { found: number(health.found), seen: number(health.seen_in) }) : ''}</span></button></li>`;
+      <span class="quiet-text figure">${health?.seen_in ? t('control.found_of',
+        { found: number(health.found), seen: number(health.seen_in) }) : ''}</span></button></li>`;
   };
 
   function list() {
-    const rows = [...(state.found ?? state.inView)].sort((a, b) => CLASSES.indexOf(classOf(a.properties.health)) - CLASSES.indexOf(classOf(b.properties.health)) || a.properties.name.localeCompare(b.properties.name, undefined, { numeric: true }));
-    return html`<p class="quiet-text" role="status">${state.found ? t('control.hits', { count: number(rows.length) }) : t(state.full ? 'control.in_view_full' : 'control.in_view', { count: number(rows.length) })}
+    const rows = [...(state.found ?? state.inView)].sort(worstFirst);
+    return html`<p class="quiet-text" role="status">${state.found ? t('control.hits', { count: number(rows.length) })
+      : t(state.full ? 'control.in_view_full' : 'control.in_view', { count: number(rows.length) })}
         ${state.count === undefined ? nothing : t('control.of_all', { count: number(state.count) })}</p>
       <ul class="control-list">${repeat(rows.slice(0, LISTED), (feature) => feature.properties.name, entry)}</ul>
-      ${rows.length > LISTED ? html`<p class="quiet-text">${t('control.more', { count: number(rows.length - LISTED) })}</p>` : nothing}`;
+      ${rows.length > LISTED ? html`<p class="quiet-text">${t('control.more', { count: number(rows.length - LISTED) })}</p>`
+        : nothing}`;
   }
 
   function points() {
     const feature = state.chosen?.kind === 'point' && known(state.chosen.name);
     const { name } = state.chosen ?? {};
-    if (feature) return pointPanel(feature, state.health, { mayDelete: may('operator'), remove: () => remove(`/control-points/${encodeURIComponent(name)}`, name), close: () => choose(undefined) });
+    if (feature) return pointPanel(feature, state.health, { mayDelete: may('operator'),
+      remove: () => remove(`/control-points/${encodeURIComponent(name)}`, name), close: () => choose(undefined) });
     return html`<label class="field search"><span class="unseen">${t('control.search')}</span>
-      <input type="search" placeholder=${t('control.search')} .value=${state.search} @input=${(event) => search(event.target.value)}></label>${list()}`;
+      <input type="search" placeholder=${t('control.search')} .value=${state.search}
+        @input=${(event) => search(event.target.value)}></label>${list()}`;
   }
 
   function scenes() {
     const scene = state.chosen?.kind === 'scene' && state.scenes.find(({ name }) => name === state.chosen.name);
-    if (scene) return scenePanel(scene, { mayDelete: may('operator'), remove: () => remove(`/control-scenes/${scene.id}`, scene.name), close: () => choose(undefined) });
-    return html`${may('operator') ? html`<details class="new-scene"><summary>${t('control.new_scene')}</summary>${sceneForm(state.scene, { draw, done: () => changed() })}</details>` : nothing}
+    if (scene) return scenePanel(scene, { mayDelete: may('operator'),
+      remove: () => remove(`/control-scenes/${scene.id}`, scene.name), close: () => choose(undefined) });
+    return html`${may('operator') ? html`<details class="new-scene">
+      <summary>${t('control.new_scene')}</summary>${sceneForm(state.scene, { draw, done: () => changed() })}</details>` : nothing}
       ${heading(t('control.scenes_in_view', { count: number(state.scenes.length) }))}
-      <ul class="control-list">${state.scenes.slice(0, LISTED).map(({ name, gsd_m }) => html`<li><button type="button" class="control-entry" @click=${() => choose({ kind: 'scene', name }, { go: true })}>
-        <span class="scene-sign" aria-hidden="true"></span><span class="entry-name">${name}</span><span class="quiet-text figure">${number(gsd_m, 4)} m</span></button></li>`)}</ul>`;
+      <ul class="control-list">${state.scenes.slice(0, LISTED).map(({ name, gsd_m }) => html`
+        <li><button type="button" class="control-entry" @click=${() => choose({ kind: 'scene', name }, { go: true })}>
+        <span class="scene-sign" aria-hidden="true"></span><span class="entry-name">${name}</span><span
+          class="quiet-text figure">${number(gsd_m, 4)} m</span></button></li>`)}</ul>`;
   }
 
   const PANELS = {
@@ -153,7 +171,8 @@ export async function show(place, { may }) {
   };
 
   function tabs() {
-    const choices = TABS.map((name) => html`<button type="button" role="tab" id="tab-${name}" aria-controls="tab-panel" aria-selected=${state.tab === name ? 'true' : 'false'} tabindex=${state.tab === name ? 0 : -1}
+    const choices = TABS.map((name) => html`<button type="button" role="tab" id="tab-${name}" aria-controls="tab-panel"
+      aria-selected=${state.tab === name ? 'true' : 'false'} tabindex=${state.tab === name ? 0 : -1}
       @click=${() => { state.tab = name; draw(); }}>${t(`control.tab_${name}`)}</button>`);
     const keys = (event) => {
       const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
@@ -171,8 +190,11 @@ export async function show(place, { may }) {
       <h1 class="unseen">${t('frame.control')}</h1>
       <div class="control-left">
         <div class="control-map" tabindex="0" role="application" aria-label=${t('control.map')}></div>
-        <ul class="map-legend control-legend">${['good', 'doubtful', 'outdated', 'unseen'].map((name) => html`<li>${healthSign(name)}</li>`)}<li><span class="scene-sign" aria-hidden="true"></span>${t('control.scene')}</li></ul></div>
-      <div class="result-side">${tabs()}<div class="tab-panel" role="tabpanel" id="tab-panel" tabindex="0" aria-labelledby="tab-${state.tab}">${PANELS[state.tab]()}</div></div></div>`, place);
+        <ul class="map-legend control-legend">${LEGEND.map((name) => html`<li>${healthSign(name)}</li>`)}
+          <li><span class="scene-sign" aria-hidden="true"></span>${t('control.scene')}</li></ul></div>
+      <div class="result-side">${tabs()}
+        <div class="tab-panel" role="tabpanel" id="tab-panel" tabindex="0"
+          aria-labelledby="tab-${state.tab}">${PANELS[state.tab]()}</div></div></div>`, place);
   }
 
   function dropped(event) {

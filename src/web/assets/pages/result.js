@@ -73,7 +73,8 @@ export async function show(place, { id, session, may, go }) {
     if (state.busy || !may('operator')) return;
     state.busy = true;
     draw();
-    if (await decided()) state.reviews = (await api.get(`/orientations/${id}/reviews`, { query: { limit: 200 } }).catch(() => ({ items: state.reviews }))).items;
+    if (await decided()) state.reviews = (await api.get(`/orientations/${id}/reviews`,
+      { query: { limit: 200 } }).catch(() => ({ items: state.reviews }))).items;
     state.busy = false;
     draw();
   }
@@ -142,13 +143,18 @@ export async function show(place, { id, session, may, go }) {
     const { result } = shown();
     render(html`<div class="result">
       <div class="result-head">
-        <a class="back" href=${`/${Object.keys(state.filter).length ? `?${new URLSearchParams(state.filter)}` : ''}`}>${t('frame.queue')}</a>
+        <a class="back" href=${`/${Object.keys(state.filter).length ? `?${new URLSearchParams(state.filter)}`
+          : ''}`}>${t('frame.queue')}</a>
         <h1>${title()}</h1>
-        ${orientation.status === 'succeeded' ? verdict(result?.diagnosis.verdict) : html`<span class="quiet-text">${t(`status.${orientation.status}`)}</span>`}
-        ${state.reviews?.[0] ? html`<span class="decision ${state.reviews[0].decision}">${t(`result.decided_${state.reviews[0].decision}`)}</span>` : nothing}
+        ${orientation.status === 'succeeded' ? verdict(result?.diagnosis.verdict)
+          : html`<span class="quiet-text">${t(`status.${orientation.status}`)}</span>`}
+        ${state.reviews?.[0] ? html`<span
+          class="decision ${state.reviews[0].decision}">${t(`result.decided_${state.reviews[0].decision}`)}</span>` : nothing}
         <span class="result-way">
-          <button type="button" class="quiet" ?disabled=${!state.way.previous} title="k" @click=${() => acts.step(state.way.previous)}>‹ ${t('result.previous')}</button>
-          <button type="button" class="quiet" ?disabled=${!state.way.next} title="j" @click=${() => acts.step(state.way.next)}>${t('result.next')} ›</button></span>
+          <button type="button" class="quiet" ?disabled=${!state.way.previous} title="k"
+            @click=${() => acts.step(state.way.previous)}>‹ ${t('result.previous')}</button>
+          <button type="button" class="quiet" ?disabled=${!state.way.next} title="j"
+            @click=${() => acts.step(state.way.next)}>${t('result.next')} ›</button></span>
       </div>
       <div class="result-left">
         ${state.correcting ? correctingBar(state.correcting, { result: orientation.result, map: state.map }, who, acts) : nothing}

@@ -15,10 +15,13 @@ export function faultOf(faults, pointer) {
 }
 
 /** A labelled input; `options` are attributes of it: `type`, `value`, `step`, `required`, `hint` … */
-export function inputField(label, name, fault, { type = 'text', value = '', step, min, max, required = false, hint, changed, wide = false } = {}) {
+export function inputField(label, name, fault, { type = 'text', value = '', step, min, max, required = false, hint, changed,
+  wide = false } = {}) {
   const about = fault || hint ? `about-${name}` : nothing;
   return html`<label class="field ${wide ? 'field-wide' : ''}"><span>${label}</span>
-    <input name=${name} type=${type} .value=${String(value)} step=${step ?? nothing} min=${min ?? nothing} max=${max ?? nothing} ?required=${required}
+    <input name=${name} type=${type} .value=${String(value)} step=${step ?? nothing} min=${min ?? nothing} max=${max ?? nothing}
+      ?required=${required}
       aria-invalid=${fault ? 'true' : nothing} aria-describedby=${about} @input=${changed ?? nothing}>
-    ${fault ? html`<span class="fault" id="about-${name}">${fault}</span>` : hint ? html`<span class="hint" id="about-${name}">${hint}</span>` : nothing}</label>`;
+    ${fault ? html`<span class="fault" id="about-${name}">${fault}</span>` : hint
+      ? html`<span class="hint" id="about-${name}">${hint}</span>` : nothing}</label>`;
 }

@@ -43,9 +43,11 @@ export function viewer(place, { image, select = () => {}, hover = () => {} }) {
   const projection = plane(image);
   const view = viewOf(image, projection);
   const marked = { selected: undefined, hovered: undefined };
-  const emphasisOf = (name) => (name === undefined ? 'none' : name === marked.selected ? 'selected' : name === marked.hovered ? 'hovered' : 'none');
+  const emphasisOf = (name) => (name === undefined ? 'none' : name === marked.selected ? 'selected' : name === marked.hovered
+    ? 'hovered' : 'none');
   const layers = vectorLayers(styles(emphasisOf));
-  const map = new OlMap({ target, view, controls: [], interactions: interactions({ zoomDuration: way(150) }), layers: [tileLayer(image, projection), ...Object.values(layers)] });
+  const map = new OlMap({ target, view, controls: [], interactions: interactions({ zoomDuration: way(150) }),
+    layers: [tileLayer(image, projection), ...Object.values(layers)] });
   let chosen = kept();
   let drawing;
   let pointer;
@@ -71,12 +73,14 @@ export function viewer(place, { image, select = () => {}, hover = () => {} }) {
       <button type="button" aria-label=${t('viewer.nearer')} title=${t('viewer.nearer')} @click=${() => zoomBy(2)}>+</button>
       <button type="button" aria-label=${t('viewer.farther')} title=${t('viewer.farther')} @click=${() => zoomBy(0.5)}>−</button>
       <button type="button" title=${t('viewer.whole_title')} @click=${fit}>${t('viewer.whole')}</button>
-      <button type="button" title=${t('viewer.one_title')} @click=${() => view.animate({ resolution: 1, duration: way(150) })}>1:1</button>
+      <button type="button" title=${t('viewer.one_title')}
+        @click=${() => view.animate({ resolution: 1, duration: way(150) })}>1:1</button>
       <span class="viewer-read"><span class="quiet-text">${t(pointer ? 'viewer.pointer' : 'viewer.centre')}</span>
         <span class="viewer-x" data-x=${x.toFixed(3)}>x ${number(x, 1, { exactly: true })}</span>
         <span class="viewer-y" data-y=${y.toFixed(3)}>y ${number(y, 1, { exactly: true })} px</span></span>
       <span class="viewer-zoom">${percent(1 / resolution, resolution > 4 ? 1 : 0)}</span>
-      <span class="viewer-bar" role="img" aria-label=${t('viewer.bar', { length: number(length) })}><span></span>${number(length)} px</span>`, foot);
+      <span class="viewer-bar" role="img" aria-label=${t('viewer.bar',
+        { length: number(length) })}><span></span>${number(length)} px</span>`, foot);
     foot.querySelector('.viewer-bar span').style.width = `${length / resolution}px`;
   };
 
@@ -97,7 +101,13 @@ export function viewer(place, { image, select = () => {}, hover = () => {} }) {
     if (name !== marked.hovered) { mark('hovered', name); hover(name); }
   });
   map.on('singleclick', (event) => select(nameAt(event.pixel)));
-  const out = () => { pointer = undefined; readOut(); if (marked.hovered !== undefined) { mark('hovered', undefined); hover(undefined); } };
+  const out = () => {
+    pointer = undefined;
+    readOut();
+    if (marked.hovered === undefined) return;
+    mark('hovered', undefined);
+    hover(undefined);
+  };
   target.addEventListener('pointerleave', out);
   target.addEventListener('keydown', (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -134,7 +144,8 @@ export function viewer(place, { image, select = () => {}, hover = () => {} }) {
       view.fit(buffer(box, 60), { padding: [60, 60, 60, 60], duration: way(250), minResolution: 0.25 });
     },
     /** Shows the surroundings of a pixel. */
-    centreOn: (at_px, resolution = 1) => view.animate({ center: flip(at_px), resolution: Math.min(resolution, view.getResolution()), duration: way(250) }),
+    centreOn: (at_px, resolution = 1) => view.animate({ center: flip(at_px),
+      resolution: Math.min(resolution, view.getResolution()), duration: way(250) }),
     /** Lets reference points be dragged: `moved(name, at_px)`; null ends that. */
     correct: (moved) => {
       if (mover) map.removeInteraction(mover);

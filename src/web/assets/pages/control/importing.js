@@ -18,14 +18,16 @@ export const newImport = () => ({ file: undefined, busy: false, report: undefine
 async function send(state, form, { draw, done }) {
   const { crs, mode, geoid } = Object.fromEntries(new FormData(form));
   if (mode === 'replace') {
-    const sure = await confirm({ title: t('control.replace'), text: t('control.replace_text'), yes: t('control.replace'), danger: true });
+    const title = t('control.replace');
+    const sure = await confirm({ title, text: t('control.replace_text'), yes: title, danger: true });
     if (!sure) return;
   }
   localStorage.setItem(CRS, crs);
   Object.assign(state, { busy: true, report: undefined, error: undefined });
   draw();
   try {
-    state.report = await api.post('/control-points', state.file, { query: { crs: crs.trim(), mode, geoid_undulation_m: geoid }, type: 'application/geo+json' });
+    state.report = await api.post('/control-points', state.file, { query: { crs: crs.trim(), mode, geoid_undulation_m: geoid },
+      type: 'application/geo+json' });
     state.file = undefined;
     done();
   } catch (error) {
@@ -36,34 +38,47 @@ async function send(state, form, { draw, done }) {
 }
 
 function rejectedTable(rejected) {
-  const save = () => download('rejected.csv', csv([['index', 'name', 'detail'], ...rejected.map(({ index, name, detail }) => [index, name, detail])]), 'text/csv');
+  const save = () => download('rejected.csv',
+    csv([['index', 'name', 'detail'], ...rejected.map(({ index, name, detail }) => [index, name, detail])]), 'text/csv');
   return html`<div class="wide" tabindex="0" role="region" aria-label=${t('control.rejected')}>
-    <table class="figure-table rejected"><thead><tr><th scope="col" class="figure">${t('control.index')}</th><th scope="col">${t('control.name')}</th><th scope="col">${t('control.reason')}</th></tr></thead>
-      <tbody>${rejected.slice(0, SHOWN).map(({ index, name, detail }) => html`<tr><td class="figure">${number(index, 0)}</td><th scope="row">${name ?? '–'}</th><td class="detail">${detail}</td></tr>`)}</tbody></table></div>
-    ${rejected.length > SHOWN ? html`<p class="quiet-text">${t('control.more_rejected', { count: number(rejected.length - SHOWN) })}</p>` : nothing}
+    <table class="figure-table rejected"><thead><tr><th scope="col" class="figure">${t('control.index')}</th>
+      <th scope="col">${t('control.name')}</th><th scope="col">${t('control.reason')}</th></tr></thead>
+      <tbody>${rejected.slice(0, SHOWN).map(({ index, name, detail }) => html`<tr><td class="figure">${number(index, 0)}</td>
+        <th scope="row">${name ?? '–'}</th><td class="detail">${detail}</td></tr>`)}</tbody></table></div>
+    ${rejected.length > SHOWN ? html`
+      <p class="quiet-text">${t('control.more_rejected', { count: number(rejected.length - SHOWN) })}</p>` : nothing}
     <button type="button" class="small" @click=${save}>${t('control.csv')}</button>`;
 }
 
 function report({ imported, updated, rejected }) {
   return html`<div role="status">${heading(t('control.report'))}
-    <p class="report-counts"><span><strong>${number(imported, 0)}</strong> ${t('control.imported')}</span><span><strong>${number(updated, 0)}</strong> ${t('control.updated_count')}</span>
-      <span class=${rejected.length ? 'fault' : ''}><strong>${number(rejected.length, 0)}</strong> ${t('control.rejected')}</span></p></div>
+    <p class="report-counts"><span><strong>${number(imported,
+      0)}</strong> ${t('control.imported')}</span><span><strong>${number(updated, 0)}</strong> ${t('control.updated_count')}</span>
+      <span class=${rejected.length ? 'fault' : ''}><strong>${number(rejected.length,
+        0)}</strong> ${t('control.rejected')}</span></p></div>
     ${rejected.length ? rejectedTable(rejected) : nothing}`;
 }
 
 /** The form and the report. `acts`: `{draw, done}`, the latter called when the control has changed. */
 export function importing(state, acts) {
   const faults = faultsOf(state.error);
-  const take = (event) => { Object.assign(state, { file: event.target.files[0], report: undefined, error: undefined }); event.target.value = ''; acts.draw(); };
+  const take = (event) => {
+    Object.assign(state, { file: event.target.files[0], report: undefined, error: undefined });
+    event.target.value = '';
+    acts.draw();
+  };
   const submit = (event) => { event.preventDefault(); if (state.file) send(state, event.target, acts); };
   const named = ['?crs', '?geoid_undulation_m', '?mode'].some((pointer) => faults.has(pointer));
   return html`<form class="control-form" @submit=${submit}>
     <label class="drop field-wide"><span>${state.file ? state.file.name : t('control.drop')}</span>
       <input type="file" name="file" accept=".geojson,.json,application/geo+json,application/json" @change=${take}></label>
-    ${inputField(t('control.crs'), 'crs', faultOf(faults, '?crs'), { value: localStorage.getItem(CRS) ?? 'EPSG:4979', required: true, wide: true, hint: t('control.crs_hint') })}
-    <label class="field"><span>${t('control.mode')}</span><select name="mode">${MODES.map((mode) => html`<option value=${mode}>${t(`control.mode_${mode}`)}</option>`)}</select></label>
+    ${inputField(t('control.crs'), 'crs', faultOf(faults, '?crs'), { value: localStorage.getItem(CRS) ?? 'EPSG:4979',
+      required: true, wide: true, hint: t('control.crs_hint') })}
+    <label class="field"><span>${t('control.mode')}</span><select name="mode">${MODES.map((mode) => html`
+      <option value=${mode}>${t(`control.mode_${mode}`)}</option>`)}</select></label>
     ${inputField(t('control.geoid'), 'geoid', faultOf(faults, '?geoid_undulation_m'), { type: 'number', step: 'any' })}
-    <div class="field-wide"><button type="submit" class="main" ?disabled=${!state.file || state.busy}>${state.busy ? html`<span class="busy" aria-hidden="true"></span>${t('control.importing')}` : t('control.import')}</button></div>
+    <div class="field-wide"><button type="submit" class="main" ?disabled=${!state.file || state.busy}>${state.busy
+      ? html`<span class="busy" aria-hidden="true"></span>${t('control.importing')}` : t('control.import')}</button></div>
     </form>
     ${state.error && !named ? html`<p class="fault" role="alert">${problemText(state.error)}</p>` : nothing}
     ${state.report ? report(state.report) : nothing}`;

@@ -7,7 +7,8 @@ import { figures, heading } from '../result/figures.js';
 import { classOf, healthSign } from './health.js';
 
 function place([longitude, latitude, height]) {
-  return html`${number(longitude, 7, { exactly: true })}° · ${number(latitude, 7, { exactly: true })}° · ${number(height, 2, { exactly: true })} m`;
+  return html`${number(longitude, 7, { exactly: true })}° · ${number(latitude, 7, { exactly: true })}° · ${number(height, 2,
+    { exactly: true })} m`;
 }
 
 /** A control point: its feature, and what the API says of its health. */
@@ -25,17 +26,21 @@ export function pointPanel(feature, health, { mayDelete, remove, close }) {
       [t('control.last_found'), known.last_found_at ? time(known.last_found_at) : undefined],
       [t('control.last_failed'), known.last_failed_at ? time(known.last_failed_at) : undefined],
     ]) : nothing}
-    ${figures([[t('control.reference'), place(reference)], [t('control.sigma'), `${number(sigma_m, 4)} m`], [t('control.lines'), number(feature.geometry.coordinates.length, 0)]])}
+    ${figures([[t('control.reference'), place(reference)], [t('control.sigma'), `${number(sigma_m, 4)} m`],
+      [t('control.lines'), number(feature.geometry.coordinates.length, 0)]])}
     ${mayDelete ? html`<button type="button" class="danger small" @click=${remove}>${t('control.delete')}</button>` : nothing}`;
 }
 
 /** A control scene. */
 export function scenePanel(scene, { mayDelete, remove, close }) {
   return html`${heading(scene.name, html`<button type="button" class="quiet small" @click=${close}>${t('control.back')}</button>`)}
-    <figure class="scene-picture"><img src=${api.address(`/control-scenes/${scene.id}/picture`)} alt=${t('control.scene_picture', { name: scene.name })}></figure>
+    <figure class="scene-picture"><img src=${api.address(`/control-scenes/${scene.id}/picture`)}
+      alt=${t('control.scene_picture', { name: scene.name })}></figure>
     ${figures([
-      [t('control.reference'), place(scene.reference.coordinates)], [t('control.reference_px'), scene.reference_px.map((value) => number(value, 1)).join(' · ')],
-      [t('control.gsd'), `${number(scene.gsd_m, 4)} m`], [t('control.size'), `${number(scene.width_px, 0)} × ${number(scene.height_px, 0)} px`],
+      [t('control.reference'), place(scene.reference.coordinates)], [t('control.reference_px'),
+        scene.reference_px.map((value) => number(value, 1)).join(' · ')],
+      [t('control.gsd'), `${number(scene.gsd_m, 4)} m`], [t('control.size'),
+        `${number(scene.width_px, 0)} × ${number(scene.height_px, 0)} px`],
       [t('control.azimuth'), `${number(scene.azimuth_of_image_up_deg, 2)}° ± ${number(scene.sigma_azimuth_deg, 2)}°`],
       [t('control.sigma'), `${number(scene.sigma_m, 4)} m`], [t('control.updated'), time(scene.updated_at)],
     ])}

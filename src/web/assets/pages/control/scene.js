@@ -59,7 +59,8 @@ function pick(state, draw) {
 export function sceneForm(state, acts) {
   const faults = faultsOf(state.error);
   const of = (pointer) => faultOf(faults, pointer);
-  const known = state.error && [...faults.keys()].some((at) => POINTERS.some((pointer) => at === pointer || at.startsWith(`${pointer}/`)));
+  const known = state.error
+    && [...faults.keys()].some((at) => POINTERS.some((pointer) => at === pointer || at.startsWith(`${pointer}/`)));
   const take = (event) => {
     const [file] = event.target.files;
     forget(state);
@@ -69,18 +70,25 @@ export function sceneForm(state, acts) {
   const submit = (event) => { event.preventDefault(); if (state.file) send(state, event.target, acts); };
   const figure = { type: 'number', step: 'any', required: true };
   return html`<form class="control-form" @submit=${submit}>
-    <label class="drop field-wide"><span>${state.file ? state.file.name : t('control.scene_file')}</span><input type="file" name="file" accept="image/jpeg,image/png,image/tiff" @change=${take}></label>
-    ${state.preview ? html`<figure class="field-wide scene-picture"><img class="pick" src=${state.preview} alt=${t('control.scene_preview')} @click=${pick(state, acts.draw)}>
-      <figcaption class="quiet-text">${state.at_px ? t('control.picked', { x: number(state.at_px[0], 1), y: number(state.at_px[1], 1) }) : t('control.pick')}</figcaption></figure>` : nothing}
+    <label class="drop field-wide"><span>${state.file ? state.file.name
+      : t('control.scene_file')}</span><input type="file" name="file" accept="image/jpeg,image/png,image/tiff"
+        @change=${take}></label>
+    ${state.preview ? html`<figure class="field-wide scene-picture"><img class="pick" src=${state.preview}
+      alt=${t('control.scene_preview')} @click=${pick(state, acts.draw)}>
+      <figcaption class="quiet-text">${state.at_px ? t('control.picked',
+        { x: number(state.at_px[0], 1), y: number(state.at_px[1], 1) }) : t('control.pick')}</figcaption></figure>` : nothing}
     ${inputField(t('control.name'), 'name', of('/name'), { required: true, wide: true })}
     ${inputField(`${t('control.gsd')} (m)`, 'gsd_m', of('/gsd_m'), figure)}
     ${inputField(`${t('control.sigma')} (m)`, 'sigma_m', of('/sigma_m'), figure)}
     ${inputField(`${t('control.azimuth')} (°)`, 'azimuth', of('/azimuth_of_image_up_deg'), { ...figure, value: 0 })}
     ${inputField(`${t('control.sigma_azimuth')} (°)`, 'sigma_azimuth', of('/sigma_azimuth_deg'), { type: 'number', step: 'any' })}
-    ${inputField(`${t('control.reference_px')} x`, 'px_x', of('/reference_px'), { ...figure, value: state.at_px?.[0].toFixed(1) ?? '' })}
+    ${inputField(`${t('control.reference_px')} x`, 'px_x', of('/reference_px'),
+      { ...figure, value: state.at_px?.[0].toFixed(1) ?? '' })}
     ${inputField(`${t('control.reference_px')} y`, 'px_y', undefined, { ...figure, value: state.at_px?.[1].toFixed(1) ?? '' })}
     ${inputField(t('control.crs'), 'crs', of('/reference/crs'), { value: 'EPSG:4979', required: true, wide: true })}
-    <div class="field-wide three">${['x', 'y', 'z'].map((axis) => inputField(t(`control.coordinate_${axis}`), axis, axis === 'x' ? of('/reference/coordinates') : undefined, figure))}</div>
-    <div class="field-wide"><button type="submit" class="main" ?disabled=${!state.file || state.busy}>${t('control.upload')}</button></div></form>
+    <div class="field-wide three">${['x', 'y', 'z'].map((axis) => inputField(t(`control.coordinate_${axis}`), axis, axis === 'x'
+      ? of('/reference/coordinates') : undefined, figure))}</div>
+    <div class="field-wide"><button type="submit" class="main" ?disabled=${!state.file
+      || state.busy}>${t('control.upload')}</button></div></form>
     ${state.error && !known ? html`<p class="fault" role="alert">${problemText(state.error)}</p>` : nothing}`;
 }

@@ -29,8 +29,10 @@ export function ticks(low, high, count = 5) {
 export function grid(xMarks, yMarks, xLabel, yLabel) {
   const { width, height, left, right, top, bottom } = FRAME;
   return svg`<g class="axes" aria-hidden="true">
-    ${xMarks.map(([x, text]) => svg`<path d="M${x} ${top}V${height - bottom}"></path><text x=${x} y=${height - bottom + 15} text-anchor="middle">${text}</text>`)}
-    ${yMarks.map(([y, text]) => svg`<path d="M${left} ${y}H${width - right}"></path><text x=${left - 6} y=${y + 4} text-anchor="end">${text}</text>`)}
+    ${xMarks.map(([x, text]) => svg`<path d="M${x} ${top}V${height - bottom}"></path>
+      <text x=${x} y=${height - bottom + 15} text-anchor="middle">${text}</text>`)}
+    ${yMarks.map(([y, text]) => svg`<path d="M${left} ${y}H${width - right}"></path>
+      <text x=${left - 6} y=${y + 4} text-anchor="end">${text}</text>`)}
     <text x=${(left + width - right) / 2} y=${height - 6} text-anchor="middle">${xLabel}</text>
     <text transform="translate(13 ${(top + height - bottom) / 2}) rotate(-90)" text-anchor="middle">${yLabel}</text></g>`;
 }

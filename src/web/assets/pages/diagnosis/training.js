@@ -16,7 +16,9 @@ function request(state, form) {
   const name = form.elements.name.value.trim();
   const kinds = KINDS.filter((kind) => form.elements[kind].checked);
   const activate = Boolean(form.elements.activate?.checked);
-  if (state.from === 'set') return [state.file, { query: { name, kinds: kinds.length === KINDS.length ? undefined : kinds.join(','), activate }, type: 'application/x-ndjson' }];
+  if (state.from === 'set') return [state.file,
+    { query: { name, kinds: kinds.length === KINDS.length ? undefined : kinds.join(','), activate },
+      type: 'application/x-ndjson' }];
   const costs = Object.fromEntries(CASES.map((one) => [one, Number(form.elements[`cost_${one}`].value)]));
   return [{ name, activate, costs, ...(kinds.length === KINDS.length ? {} : { kinds }) }, {}];
 }
@@ -39,16 +41,25 @@ export function training(state, mayActivate, acts) {
     }
     acts.draw();
   };
-  const from = (name) => html`<label class="check"><input type="radio" name="from" value=${name} .checked=${state.from === name} @change=${() => { state.from = name; acts.draw(); }}> ${t(`diagnosis.from_${name}`)}</label>`;
+  const from = (name) => html`
+    <label class="check"><input type="radio" name="from" value=${name} .checked=${state.from === name}
+      @change=${() => { state.from = name; acts.draw(); }}> ${t(`diagnosis.from_${name}`)}</label>`;
   const nameFault = faultOf(faults, '/name') ?? faultOf(faults, '?name');
   return html`<form class="control-form training" @submit=${submit}>
     <fieldset class="field-wide"><legend>${t('diagnosis.from')}</legend>${['history', 'set'].map(from)}</fieldset>
     ${state.from === 'set' ? html`<label class="drop field-wide"><span>${state.file?.name ?? t('diagnosis.set_file')}</span>
-      <input type="file" name="set" accept=".ndjson,.jsonl,application/x-ndjson" @change=${(event) => { state.file = event.target.files[0]; acts.draw(); }}></label>` : nothing}
+      <input type="file" name="set" accept=".ndjson,.jsonl,application/x-ndjson"
+        @change=${(event) => { state.file = event.target.files[0]; acts.draw(); }}></label>` : nothing}
     ${inputField(t('diagnosis.name'), 'name', nameFault, { required: true, wide: true })}
-    <fieldset class="field-wide"><legend>${t('diagnosis.kinds')}</legend>${KINDS.map((kind) => html`<label class="check"><input type="checkbox" name=${kind} checked> ${t(`diagnosis.kind_${kind}`)}</label>`)}</fieldset>
-    ${state.from === 'history' ? html`<fieldset class="field-wide costs"><legend>${t('diagnosis.costs')}</legend>${CASES.map((one, k) => inputField(t(`diagnosis.case_${one}`), `cost_${one}`, faultOf(faults, `/costs/${one}`), { type: 'number', step: 'any', value: COSTS[k], required: true }))}</fieldset>` : nothing}
-    ${mayActivate ? html`<label class="check field-wide"><input type="checkbox" name="activate"> ${t('diagnosis.activate_ready')}</label>` : nothing}
-    <div class="field-wide"><button type="submit" class="main" ?disabled=${state.busy || (state.from === 'set' && !state.file)}>${t('diagnosis.train')}</button></div>
+    <fieldset class="field-wide">
+      <legend>${t('diagnosis.kinds')}</legend>${KINDS.map((kind) => html`
+        <label class="check"><input type="checkbox" name=${kind} checked> ${t(`diagnosis.kind_${kind}`)}</label>`)}</fieldset>
+    ${state.from === 'history' ? html`<fieldset class="field-wide costs">
+      <legend>${t('diagnosis.costs')}</legend>${CASES.map((one, k) => inputField(t(`diagnosis.case_${one}`), `cost_${one}`,
+        faultOf(faults, `/costs/${one}`), { type: 'number', step: 'any', value: COSTS[k], required: true }))}</fieldset>` : nothing}
+    ${mayActivate ? html`<label class="check field-wide"><input type="checkbox"
+      name="activate"> ${t('diagnosis.activate_ready')}</label>` : nothing}
+    <div class="field-wide"><button type="submit" class="main" ?disabled=${state.busy
+      || (state.from === 'set' && !state.file)}>${t('diagnosis.train')}</button></div>
     ${state.error && !nameFault ? html`<p class="fault field-wide" role="alert">${problemText(state.error)}</p>` : nothing}</form>`;
 }

@@ -27,8 +27,10 @@ export function correction(id, first, changed) {
     error: undefined,
     get mayUndo() { return at > 0; },
     get mayRedo() { return at < steps.length - 1; },
-    toggle: (name, on) => next({ ...steps[at], off: on ? steps[at].off.filter((other) => other !== name) : [...steps[at].off, name] }),
-    move: (name, at_px) => next({ ...steps[at], moved: [...steps[at].moved.filter((other) => other.name !== name), { name, at_px }] }),
+    toggle: (name, on) => next({ ...steps[at], off: on ? steps[at].off.filter((other) => other !== name)
+      : [...steps[at].off, name] }),
+    move: (name, at_px) => next({ ...steps[at], moved: [...steps[at].moved.filter((other) => other.name !== name),
+      { name, at_px }] }),
     putBack: (name) => next({ ...steps[at], moved: steps[at].moved.filter((other) => other.name !== name) }),
     undo: () => go(Math.max(0, at - 1)),
     redo: () => go(Math.min(steps.length - 1, at + 1)),

@@ -7,7 +7,8 @@ import { t } from '../../texts.js';
 const METRES_A_DEGREE = 111_320;
 
 /** Whether coordinates of a CRS are degrees. */
-export const isGeographic = (crs) => /^EPSG:(4979|4326|4258|4937|4269|6318|9000|7912)\b/.test(crs) || /\+proj=(longlat|latlong)\b/.test(crs);
+export const isGeographic = (crs) => /^EPSG:(4979|4326|4258|4937|4269|6318|9000|7912)\b/.test(crs)
+  || /\+proj=(longlat|latlong)\b/.test(crs);
 
 /** Standard deviations of the six parameters: three in metres, three in degrees; undefined without a covariance. */
 export function deviations(result) {

@@ -22,8 +22,8 @@ export function followOrientation(id, { progress, ended }) {
 }
 
 async function cancel(id) {
-  const sure = await confirm({ title: t('result.cancel'), text: t('result.cancel_text'), yes: t('result.cancel_yes'), danger: true });
-  if (!sure) return;
+  const question = { title: t('result.cancel'), text: t('result.cancel_text'), yes: t('result.cancel_yes'), danger: true };
+  if (!await confirm(question)) return;
   await api.delete(`/orientations/${id}`).catch((error) => notify(problemText(error), 'error'));
 }
 
@@ -34,7 +34,9 @@ export function underway({ id, status, stage, progress }, may) {
     <h2>${t(`status.${status}`)}</h2>
     <progress max="1" .value=${progress ?? 0} aria-label=${t('result.progress')}></progress>
     <p>${percent(progress ?? 0)}${stage ? html` · ${t(`stage.${stage}`)}` : nothing}</p>
-    <ol class="stages">${STAGES.map((name, k) => html`<li class=${k < reached ? 'past' : k === reached ? 'now' : ''} aria-current=${k === reached ? 'step' : nothing}>${t(`stage.${name}`)}</li>`)}</ol>
+    <ol class="stages">${STAGES.map((name, k) => html`
+      <li class=${k < reached ? 'past' : k === reached ? 'now' : ''} aria-current=${k === reached ? 'step'
+        : nothing}>${t(`stage.${name}`)}</li>`)}</ol>
     ${may ? html`<button type="button" @click=${() => cancel(id)}>${t('result.cancel')}</button>` : nothing}</div>`;
 }
 
@@ -42,6 +44,7 @@ export function underway({ id, status, stage, progress }, may) {
 export function nothingCame({ status, error }) {
   return html`<div class="underway"><h2>${t(`status.${status}`)}</h2>
     ${status === 'cancelled' ? html`<p>${t('result.was_cancelled')}</p>` : nothing}
-    ${error ? html`<p><strong>${failureText(error)}</strong></p><p class="quiet-text">${error.detail}</p><p class="quiet-text"><code>${error.code}</code></p>` : nothing}
+    ${error ? html`<p><strong>${failureText(error)}</strong></p><p class="quiet-text">${error.detail}</p>
+      <p class="quiet-text"><code>${error.code}</code></p>` : nothing}
     <p><a href="/upload">${t('result.again')}</a></p></div>`;
 }

@@ -16,7 +16,8 @@ function rows(result) {
     value, digits: degrees && k < 2 ? 9 : 3, unit: degrees && k < 2 ? '°' : 'm', sigmaUnit: 'm', sigmaDigits: 3,
   }));
   const angles = ANGLES.map((name, k) => ({
-    name: t(`result.${name}`), sigma: sigma[3 + k], value: result.rotation[`${name}_deg`], digits: 5, unit: '°', sigmaUnit: '°', sigmaDigits: 5,
+    name: t(`result.${name}`), sigma: sigma[3 + k], value: result.rotation[`${name}_deg`], digits: 5, unit: '°', sigmaUnit: '°',
+      sigmaDigits: 5,
   }));
   return [...position, ...angles];
 }
@@ -27,23 +28,29 @@ function exterior(result) {
   return html`
     ${heading(t('result.exterior'), copyButton(text))}
     <table class="figure-table exterior">
-      <thead><tr><th scope="col"><span class="unseen">${t('result.parameter')}</span></th><th scope="col">${t('result.value')}</th><th scope="col">${t('result.sigma')}</th></tr></thead>
+      <thead><tr><th scope="col"><span class="unseen">${t('result.parameter')}</span></th><th scope="col">${t('result.value')}</th>
+        <th scope="col">${t('result.sigma')}</th></tr></thead>
       <tbody>${all.map((row) => html`<tr><th scope="row">${row.name}</th><td>${fixed(row.value, row.digits)} ${row.unit}</td>
         <td>${row.sigma === undefined ? '–' : html`± ${fixed(row.sigma, row.sigmaDigits)} ${row.sigmaUnit}`}</td></tr>`)}</tbody>
     </table>
     ${figures([[t('result.crs'), html`<code>${result.projection_centre.crs}</code>`],
-      [t('result.frame'), result.rotation.frame === result.projection_centre.crs ? undefined : html`<code>${result.rotation.frame}</code>`]])}
+      [t('result.frame'), result.rotation.frame === result.projection_centre.crs ? undefined
+        : html`<code>${result.rotation.frame}</code>`]])}
     ${heading(t('result.rotation'), copyButton(() => result.rotation.rotation_matrix.map((row) => row.join('\t')).join('\n')))}
     <table class="figure-table matrix" aria-label=${t('result.rotation')}><tbody>
-      ${result.rotation.rotation_matrix.map((row) => html`<tr>${row.map((value) => html`<td>${fixed(value, 8)}</td>`)}</tr>`)}</tbody></table>`;
+      ${result.rotation.rotation_matrix.map((row) => html`
+        <tr>${row.map((value) => html`<td>${fixed(value, 8)}</td>`)}</tr>`)}</tbody></table>`;
 }
 
 function covariance({ order, matrix }) {
   const text = () => [order.join('\t'), ...matrix.map((row) => row.join('\t'))].join('\n');
   return html`<details><summary>${t('result.covariance')}</summary>
     <div class="wide" tabindex="0" role="region" aria-label=${t('result.covariance')}>
-      <table class="figure-table matrix small"><thead><tr><td></td>${order.map((name) => html`<th scope="col">${name}</th>`)}</tr></thead>
-        <tbody>${matrix.map((row, k) => html`<tr><th scope="row">${order[k]}</th>${row.map((value) => html`<td>${value.toExponential(2)}</td>`)}</tr>`)}</tbody></table></div>
+      <table class="figure-table matrix small"><thead><tr>
+        <td></td>${order.map((name) => html`<th scope="col">${name}</th>`)}</tr></thead>
+        <tbody>${matrix.map((row, k) => html`<tr>
+          <th scope="row">${order[k]}</th>${row.map((value) => html`
+            <td>${value.toExponential(2)}</td>`)}</tr>`)}</tbody></table></div>
     ${copyButton(text)}</details>`;
 }
 
@@ -52,8 +59,11 @@ function approximation(used) {
   const degrees = isGeographic(used.position.crs);
   const place = used.position.coordinates.map((value, k) => number(value, degrees && k < 2 ? 7 : 2)).join(' · ');
   return html`${heading(t('result.approximation'))}${figures([
-    [t('result.position'), html`${place} ${origin('position')}<br><span class="quiet-text">± ${used.sigma_position_m.map((value) => number(value, 2)).join(' / ')} m · <code>${used.position.crs}</code></span>`],
-    [t('result.tilt'), html`ω ${number(used.omega_deg, 2)}°, φ ${number(used.phi_deg, 2)}° ± ${number(used.sigma_tilt_deg, 2)}° ${origin('tilt')}`],
+    [t('result.position'), html`${place} ${origin('position')}<br><span
+      class="quiet-text">± ${used.sigma_position_m.map((value) => number(value,
+        2)).join(' / ')} m · <code>${used.position.crs}</code></span>`],
+    [t('result.tilt'), html`ω ${number(used.omega_deg, 2)}°, φ ${number(used.phi_deg, 2)}° ± ${number(used.sigma_tilt_deg,
+      2)}° ${origin('tilt')}`],
     [t('result.kappa'), used.kappa_deg === undefined || used.kappa_deg === null
       ? html`${t('result.whole_circle')} ${origin('kappa')}`
       : html`${number(used.kappa_deg, 2)}° ± ${number(used.sigma_kappa_deg, 2)}° ${origin('kappa')}`],
@@ -63,7 +73,8 @@ function approximation(used) {
 function search(report) {
   return html`${heading(t('result.search'))}${figures([
     [t('result.search_tilt'), `${number(report.tilt_reach_deg, 1)}°`],
-    [t('result.search_kappa'), report.kappa_reach_deg === undefined ? t('result.whole_circle') : `± ${number(report.kappa_reach_deg, 1)}°`],
+    [t('result.search_kappa'), report.kappa_reach_deg === undefined ? t('result.whole_circle')
+      : `± ${number(report.kappa_reach_deg, 1)}°`],
     [t('result.search_position'), `± ${report.position_reach_m.map((value) => number(value, 1)).join(' / ')} m`],
     [t('result.search_height'), `${report.flying_height_m.map((value) => number(value, 1)).join(' … ')} m`],
     ...['views', 'windows', 'pairs', 'refined', 'adjusted'].map((name) => [t(`result.search_${name}`), number(report[name], 0)]),
@@ -73,8 +84,10 @@ function search(report) {
 }
 
 function interior(film) {
-  const mark = (entry) => html`<tr><th scope="row">${entry.name}</th><td>${entry.used === undefined ? '' : entry.used ? t('result.used') : t('result.not_used')}</td>
-    <td>${entry.residual_px === undefined ? '–' : fixed(Array.isArray(entry.residual_px) ? Math.hypot(...entry.residual_px) : entry.residual_px, 2)} px</td></tr>`;
+  const mark = (entry) => html`<tr><th scope="row">${entry.name}</th><td>${entry.used === undefined ? '' : entry.used
+    ? t('result.used') : t('result.not_used')}</td>
+    <td>${entry.residual_px === undefined ? '–' : fixed(Array.isArray(entry.residual_px) ? Math.hypot(...entry.residual_px)
+      : entry.residual_px, 2)} px</td></tr>`;
   return html`${heading(t('result.interior'))}${figures([
     [t('result.interior_verdict'), t(`verdict.${film.diagnosis.verdict}`)],
     [t('result.transformation'), film.transformation?.kind], [t('result.sigma0'), number(film.transformation?.sigma0, 3)],
@@ -85,14 +98,16 @@ function interior(film) {
 
 function quality(result, camera) {
   const { consensus, diagnosis } = result;
-  const agreed = consensus && t('result.consensus_text', { inliers: consensus.inliers, points: consensus.control_points, search: t(`result.consensus_${consensus.search}`) });
+  const agreed = consensus && t('result.consensus_text',
+    { inliers: consensus.inliers, points: consensus.control_points, search: t(`result.consensus_${consensus.search}`) });
   return html`${heading(t('result.quality'))}${figures([
     [t('result.sigma0'), result.sigma0 === undefined ? undefined : fixed(result.sigma0, 3)],
     [t('result.redundancy'), result.redundancy === undefined ? undefined : number(result.redundancy, 0)],
     [t('result.configuration'), result.configuration === undefined ? undefined : number(result.configuration, 1)],
     [t('result.consensus'), agreed],
     [t('result.camera'), camera?.name],
-    [t('result.principal_distance'), camera?.principal_distance_px ? `${number(camera.principal_distance_px, 1)} px` : camera?.principal_distance_mm ? `${number(camera.principal_distance_mm, 3)} mm` : undefined],
+    [t('result.principal_distance'), camera?.principal_distance_px ? `${number(camera.principal_distance_px, 1)} px`
+      : camera?.principal_distance_mm ? `${number(camera.principal_distance_mm, 3)} mm` : undefined],
     [t('result.classifier'), html`${diagnosis.classifier.name} <span class="quiet-text">${diagnosis.classifier.kind}</span>`],
   ])}`;
 }
@@ -113,7 +128,8 @@ export function orientationTab({ orientation, camera }, result) {
     ${result.projection_centre && result.rotation ? exterior(result) : html`<p>${t('result.no_orientation')}</p>`}
     ${result.covariance ? covariance(result.covariance) : nothing}
     ${quality(result, camera)}
-    ${result.warnings.length ? html`${heading(t('result.warnings'))}<ul class="plain">${result.warnings.map((warning) => html`<li class="warning">${warning.detail}</li>`)}</ul>` : nothing}
+    ${result.warnings.length ? html`${heading(t('result.warnings'))}
+      <ul class="plain">${result.warnings.map((warning) => html`<li class="warning">${warning.detail}</li>`)}</ul>` : nothing}
     ${result.approximation ? approximation(result.approximation) : nothing}
     ${result.search ? search(result.search) : nothing}
     ${result.interior_orientation ? interior(result.interior_orientation) : nothing}

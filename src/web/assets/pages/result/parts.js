@@ -32,7 +32,8 @@ export function parts({ choose, stopped }) {
     const point = key === undefined ? undefined : shown.result.control_points.find((entry) => entry.name === key);
     if (!point) { render(nothing, element); return; }
     const drawn = { located_px: point.located_px, state: stateOf(point, shown.drawing) };
-    showWindow(element, { id, image: orientation.image, name: key, drawn, signal: AbortSignal.any([stopped, detail.running.signal]) });
+    showWindow(element, { id, image: orientation.image, name: key, drawn,
+      signal: AbortSignal.any([stopped, detail.running.signal]) });
   }
 
   return {

@@ -18,7 +18,8 @@ const COLUMNS = [
   { key: 'empirical', of: (row) => row.sensitivity?.empirical_m, digits: 3 },
   { key: 'theoretical', of: (row) => row.sensitivity?.theoretical_m, digits: 3 },
 ];
-const SORTS = { name: (row) => row.name, state: (row) => ORDER.indexOf(row.state), ...Object.fromEntries(COLUMNS.map(({ key, of }) => [key, of])) };
+const SORTS = { name: (row) => row.name, state: (row) => ORDER.indexOf(row.state),
+  ...Object.fromEntries(COLUMNS.map(({ key, of }) => [key, of])) };
 
 function sorted(rows, { by, down }) {
   const of = SORTS[by];
@@ -34,8 +35,10 @@ function sorted(rows, { by, down }) {
 
 function head(key, sort, resort) {
   const active = sort.by === key;
-  return html`<th scope="col" aria-sort=${active ? (sort.down ? 'descending' : 'ascending') : nothing} class=${key === 'name' || key === 'state' ? '' : 'figure'}>
-    <button type="button" class="sort" title=${t(`result.column_${key}_long`)} @click=${() => resort({ by: key, down: active ? !sort.down : key !== 'name' && key !== 'state' })}>
+  return html`<th scope="col" aria-sort=${active ? (sort.down ? 'descending' : 'ascending') : nothing} class=${key === 'name'
+    || key === 'state' ? '' : 'figure'}>
+    <button type="button" class="sort" title=${t(`result.column_${key}_long`)}
+      @click=${() => resort({ by: key, down: active ? !sort.down : key !== 'name' && key !== 'state' })}>
       ${t(`result.column_${key}`)}<span aria-hidden="true">${active ? (sort.down ? ' ▾' : ' ▴') : ''}</span></button></th>`;
 }
 
@@ -52,14 +55,19 @@ function arrows(event) {
 }
 
 function row(entry, { selected, hovered, off, toggle, choose, point }) {
-  const classes = [entry.name === selected ? 'selected' : '', entry.name === hovered ? 'hovered' : '', off?.has(entry.name) ? 'off' : ''].join(' ');
-  return html`<tr class=${classes} @pointerenter=${() => point(entry.name)} @pointerleave=${() => point(undefined)} @click=${() => choose(entry.name)}>
-    ${off ? html`<td><input type="checkbox" aria-label=${t('result.takes_part', { name: entry.name })} .checked=${!off.has(entry.name)}
+  const classes = [entry.name === selected ? 'selected' : '', entry.name === hovered ? 'hovered' : '', off?.has(entry.name) ? 'off'
+    : ''].join(' ');
+  return html`<tr class=${classes} @pointerenter=${() => point(entry.name)} @pointerleave=${() => point(undefined)}
+    @click=${() => choose(entry.name)}>
+    ${off ? html`<td><input type="checkbox" aria-label=${t('result.takes_part', { name: entry.name })}
+      .checked=${!off.has(entry.name)}
       @click=${(event) => event.stopPropagation()} @change=${(event) => toggle(entry.name, event.target.checked)}></td>` : nothing}
     <th scope="row"><button type="button" class="point-name" aria-pressed=${entry.name === selected ? 'true' : 'false'}
       @click=${(event) => { event.stopPropagation(); choose(entry.name); }}>${entry.name}</button></th>
     <td class="state">${stateSample(entry.state)}<span>${t(`viewer.state_${entry.state}`)}</span></td>
-    ${COLUMNS.map(({ of, digits, mark }) => html`<td class="figure ${mark?.(entry) ? 'contradicts' : ''}">${mark?.(entry) ? html`<span title=${t('result.contradicts')}>▲<span class="unseen">${t('result.contradicts')}</span></span> ` : ''}${fixed(of(entry), digits)}</td>`)}</tr>`;
+    ${COLUMNS.map(({ of, digits, mark }) => html`<td class="figure ${mark?.(entry) ? 'contradicts' : ''}">${mark?.(entry)
+      ? html`<span title=${t('result.contradicts')}>▲<span class="unseen">${t('result.contradicts')}</span></span> `
+        : ''}${fixed(of(entry), digits)}</td>`)}</tr>`;
 }
 
 /**
@@ -71,7 +79,8 @@ export function pointsTable(result, drawing, view, acts) {
   if (!rows.length) return html`<p class="quiet-text">${t('result.no_points')}</p>`;
   return html`<div class="wide points" tabindex="0" role="region" aria-label=${t('result.points')}>
     <table class="figure-table" @keydown=${arrows}>
-      <thead><tr>${view.off ? html`<td></td>` : nothing}${['name', 'state', ...COLUMNS.map(({ key }) => key)].map((key) => head(key, view.sort, acts.resort))}</tr></thead>
+      <thead><tr>${view.off ? html`<td></td>` : nothing}${['name', 'state',
+        ...COLUMNS.map(({ key }) => key)].map((key) => head(key, view.sort, acts.resort))}</tr></thead>
       <tbody>${repeat(sorted(rows, view.sort), (entry) => entry.name, (entry) => row(entry, { ...view, ...acts }))}</tbody>
     </table></div>`;
 }
@@ -81,11 +90,15 @@ export function pairsTable(pairs, choose) {
   if (!pairs?.length) return nothing;
   const name = (of) => html`<button type="button" class="link" @click=${() => choose(of)}>${of}</button>`;
   const columns = ['test', 'change', 'empirical', 'theoretical'];
-  return html`<details class="pairs"><summary>${t('result.pairs')} <span class="quiet-text">${number(pairs.length, 0)}</span></summary>
+  return html`<details class="pairs">
+    <summary>${t('result.pairs')} <span class="quiet-text">${number(pairs.length, 0)}</span></summary>
     <div class="wide" tabindex="0" role="region" aria-label=${t('result.pairs')}><table class="figure-table">
-      <thead><tr><th scope="col">${t('result.pair')}</th>${columns.map((key) => html`<th scope="col" class="figure" title=${t(`result.column_${key}_long`)}>${t(`result.column_${key}`)}</th>`)}</tr></thead>
+      <thead><tr><th scope="col">${t('result.pair')}</th>${columns.map((key) => html`
+        <th scope="col" class="figure" title=${t(`result.column_${key}_long`)}>${t(`result.column_${key}`)}</th>`)}</tr></thead>
       <tbody>${pairs.map((pair) => html`<tr><th scope="row">${name(pair.control_points[0])} · ${name(pair.control_points[1])}</th>
-        <td class="figure">${fixed(pair.test, 2)}</td><td class="figure">${fixed(pair.change_m, 3)}</td><td class="figure">${fixed(pair.empirical_m, 3)}</td><td class="figure">${fixed(pair.theoretical_m, 3)}</td></tr>`)}</tbody>
+        <td class="figure">${fixed(pair.test, 2)}</td><td class="figure">${fixed(pair.change_m, 3)}</td>
+          <td class="figure">${fixed(pair.empirical_m, 3)}</td>
+            <td class="figure">${fixed(pair.theoretical_m, 3)}</td></tr>`)}</tbody>
     </table></div></details>`;
 }
 

@@ -15,11 +15,13 @@ export function rawTab({ id, image }, parts) {
   return html`
     ${heading(t('result.files'))}
     <ul class="plain">
-      <li><a href=${api.address(`/orientations/${id}/overlay`, { width: 4000 })} download="${id}.jpg">${t('result.overlay')}</a></li>
+      <li><a href=${api.address(`/orientations/${id}/overlay`, { width: 4000 })}
+        download="${id}.jpg">${t('result.overlay')}</a></li>
       <li><a href=${api.address(`/orientations/${id}`)} download="${id}.json">${t('result.json')}</a></li>
       <li><a href=${api.address(`/orientations/${id}/map`)} download="${id}.geojson">${t('result.geojson')}</a></li>
       <li><a href=${api.address(`/images/${image}`)} target="_blank">${t('result.image_json')}</a></li>
     </ul>
-    ${parts.filter(([, value]) => value).map(([name, value], k) => html`<details class="raw" ?open=${k === 0} @toggle=${fill(value)}><summary>${name}</summary>
+    ${parts.filter(([, value]) => value).map(([name, value], k) => html`
+      <details class="raw" ?open=${k === 0} @toggle=${fill(value)}><summary>${name}</summary>
       ${copyButton(() => json(value))}<pre tabindex="0" role="region" aria-label=${name}></pre></details>`)}`;
 }

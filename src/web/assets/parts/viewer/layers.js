@@ -16,7 +16,8 @@ const MAKE = {
   regions: (point) => {
     const at = point.predicted_px ?? point.search_region?.centre_px;
     if (!at) return undefined;
-    const outline = point.search_region ? new Polygon([ellipse(point.search_region).map(flip)]) : new LineString([flip(at), flip(at)]);
+    const outline = point.search_region ? new Polygon([ellipse(point.search_region).map(flip)])
+      : new LineString([flip(at), flip(at)]);
     return feature('regions', point, outline, { predicted: new Point(flip(at)) });
   },
   edges: (point, edges) => edges.length ? feature('edges', point, lines(edges.map((edge) => edge.projected_px))) : undefined,

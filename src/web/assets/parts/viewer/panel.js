@@ -6,7 +6,8 @@ import { LAYERS } from './layers.js';
 import { DASHES } from './styles.js';
 
 const KEPT = 'gable.viewer';
-const DEFAULTS = { shown: { regions: false, edges: true, segments: true, residuals: true, references: true, names: true }, magnification: 20, open: true };
+const DEFAULTS = { shown: { regions: false, edges: true, segments: true, residuals: true, references: true, names: true },
+  magnification: 20, open: true };
 
 /** What the user has chosen in this browser. */
 export function kept() {
@@ -21,12 +22,14 @@ export function kept() {
 /** Keeps it for the next image. */
 export const keep = (chosen) => localStorage.setItem(KEPT, JSON.stringify(chosen));
 
-const stroke = (tone, dash) => svg`<path class="halo" d="M1 7h26"></path><path class="tone ${tone}" d="M1 7h26" stroke-dasharray=${dash?.join(' ') ?? 'none'}></path>`;
+const stroke = (tone, dash) => svg`<path class="halo" d="M1 7h26"></path>
+  <path class="tone ${tone}" d="M1 7h26" stroke-dasharray=${dash?.join(' ') ?? 'none'}></path>`;
 const SAMPLES = {
   regions: svg`<ellipse class="tone region" cx="14" cy="7" rx="11" ry="5" stroke-dasharray="5 3"></ellipse>`,
   edges: stroke('matched'),
   segments: stroke('segment'),
-  residuals: svg`<path class="halo" d="M3 11 22 4"></path><path class="tone plain" d="M3 11 22 4"></path><circle class="tip" cx="22" cy="4" r="2.5"></circle>`,
+  residuals: svg`<path class="halo" d="M3 11 22 4"></path><path class="tone plain" d="M3 11 22 4"></path>
+    <circle class="tip" cx="22" cy="4" r="2.5"></circle>`,
   references: svg`<circle class="tone matched" cx="14" cy="7" r="4.5"></circle>`,
   names: svg`<text x="14" y="11" text-anchor="middle">Abc</text>`,
 };
@@ -53,8 +56,10 @@ export function panel(chosen, change) {
           ${sample(SAMPLES[name])}<span>${t(`viewer.layer_${name}`)}</span></label>
         ${name === 'edges' ? html`<ul class="viewer-states" aria-label=${t('viewer.states')}>
           ${Object.keys(DASHES).map((state) => html`<li>${stateSample(state)}${t(`viewer.state_${state}`)}</li>`)}</ul>` : ''}`)}
-      <label class="viewer-slider"><span>${t('viewer.magnification')} <span class="viewer-times">×${chosen.magnification}</span></span>
-        <input type="range" name="magnification" min="0" max=${STEPS} .value=${String(toStep(chosen.magnification))} aria-valuetext=${`×${chosen.magnification}`}
+      <label class="viewer-slider"><span>${t('viewer.magnification')} <span
+        class="viewer-times">×${chosen.magnification}</span></span>
+        <input type="range" name="magnification" min="0" max=${STEPS} .value=${String(toStep(chosen.magnification))}
+          aria-valuetext=${`×${chosen.magnification}`}
           @input=${(event) => change({ ...chosen, magnification: fromStep(Number(event.target.value)) })}></label>
     </details>`;
 }
