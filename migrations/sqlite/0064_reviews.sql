@@ -19,3 +19,5 @@ ALTER TABLE reference_orientations ADD COLUMN by_review_of BLOB;
 
 -- what was rejected is a label too
 CREATE INDEX orientations_rejected ON orientations (id) WHERE review = 'rejected';
+-- what waits for staff: to be counted
+CREATE INDEX orientations_doubtful ON orientations (id) WHERE verdict = 'yellow' AND review IS NULL;

@@ -107,6 +107,8 @@ struct StatisticsAnswer {
     /// When the one was asked for that waits for longest, if any does.
     #[serde(skip_serializing_if = "Option::is_none")]
     oldest_queued_at: Option<DateTime<Utc>>,
+    /// Yellow ones that nobody has decided about, of all times.
+    doubtful: i64,
     /// How long the last attempts have taken of those that have succeeded or failed, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     seconds: Option<SecondsAnswer>,
@@ -213,6 +215,7 @@ async fn show(
         queued: present.queued,
         running: present.running,
         oldest_queued_at: present.oldest_queued_at,
+        doubtful: present.doubtful,
         seconds: durations.map(|d| SecondsAnswer { median: d.median_s, p95: d.p95_s }),
         failures: failures(&tallies),
         reasons: reasons.into_iter().map(|(code, count)| CodeCount { code, count }).collect(),

@@ -61,7 +61,7 @@ pub struct Tally {
     pub count: i64,
 }
 
-/// What waits and what runs.
+/// What waits, for a worker or for staff, and what runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, FromRow)]
 pub struct Present {
     /// How many wait.
@@ -70,6 +70,8 @@ pub struct Present {
     pub running: i64,
     /// When the one was asked for that has waited for longest.
     pub oldest_queued_at: Option<DateTime<Utc>>,
+    /// Yellow ones that nobody has decided about.
+    pub doubtful: i64,
 }
 
 /// How long attempts have taken.
@@ -91,7 +93,7 @@ impl Store {
         Ok(tallies.fetch_all(&self.database).await?)
     }
 
-    /// What waits and what runs.
+    /// What waits, for a worker or for staff, and what runs.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -99,7 +101,8 @@ impl Store {
         let present = query(
             "SELECT count(*) FILTER (WHERE status = 'queued') AS queued,
              count(*) FILTER (WHERE status = 'running') AS running,
-             min(created_at) FILTER (WHERE status = 'queued') AS oldest_queued_at
+             min(created_at) FILTER (WHERE status = 'queued') AS oldest_queued_at,
+             (SELECT count(*) FROM orientations WHERE verdict = 'yellow' AND review IS NULL) AS doubtful
              FROM orientations WHERE status IN ('queued', 'running')",
         );
         Ok(present.fetch_one(&self.database).await?)

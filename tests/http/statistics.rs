@@ -19,6 +19,7 @@ async fn what_has_ended_is_counted_in_the_step_of_now() {
         assert_eq!([sum("submitted"), sum("succeeded"), sum("yellow")], [3, 3, 3], "{told}");
         assert_eq!([sum("failed"), sum("cancelled"), sum("green"), sum("red"), sum("accepted")], [0; 5]);
         assert_eq!((&told["queued"], &told["running"], told.get("oldest_queued_at")), (&json!(0), &json!(0), None));
+        assert_eq!(told["doubtful"], json!(3));
         assert_eq!(told["reasons"], json!([{"code": "few_control_points", "count": 3}]));
         assert_eq!(told["failures"], json!([]));
         let (median, p95) = (told["seconds"]["median"].as_f64().unwrap(), told["seconds"]["p95"].as_f64().unwrap());
