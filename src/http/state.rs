@@ -70,7 +70,7 @@ impl AppState {
         let settings = job_settings(&configuration);
         let scans = settings.workers;
         let (cache_bytes, reserve_bytes) = (configuration.viewer_cache_bytes, configuration.disk_reserve_bytes);
-        let pictures = Pictures::new(store.clone(), configuration.image_limits(), cache_bytes, reserve_bytes);
+        let pictures = Pictures::new(store.clone(), &configuration.image_limits(), cache_bytes, reserve_bytes);
         let rates = Rates::new(configuration.rate_per_s, configuration.rate_burst);
         Self {
             jobs: Jobs::new(store.clone(), settings, orient),

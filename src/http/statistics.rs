@@ -96,7 +96,7 @@ struct StatisticsAnswer {
     /// Its end, which does not belong to it.
     until: DateTime<Utc>,
     /// How long the steps are: `hour` or `day`.
-    #[schema(inline)]
+    #[schema(value_type = String, example = "day")]
     step: StepLength,
     /// All steps, also empty ones, the earliest first.
     steps: Vec<StepAnswer>,

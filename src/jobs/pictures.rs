@@ -6,12 +6,11 @@
 
 mod kept;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use tokio::sync::Semaphore;
 
-use self::kept::{Kept, Key};
+use self::kept::{Kept, Key, Opened};
 use crate::features::{Picture as _, PictureError, PixelRect};
 use crate::imagery::levels::{self, Levels};
 use crate::imagery::{ImageFile, ImageryError, Limits};
@@ -83,13 +82,13 @@ impl Pictures {
     /// Pictures of the images of a store. Those that are open take up to `cache_bytes`, and overviews are kept as long as
     /// `reserve_bytes` are left on the disk.
     #[must_use]
-    pub fn new(store: Store, limits: Limits, cache_bytes: u64, reserve_bytes: u64) -> Self {
+    pub fn new(store: Store, limits: &Limits, cache_bytes: u64, reserve_bytes: u64) -> Self {
         // of several images that are looked at by turns none is to drive the others out
         let chunk_cache_bytes = limits.chunk_cache_bytes.min(cache_bytes / 4);
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         Self(Arc::new(Inner {
             store,
-            limits: Limits { chunk_cache_bytes, ..limits },
+            limits: Limits { chunk_cache_bytes, ..limits.clone() },
             reserve_bytes,
             kept: Kept::new(cache_bytes),
             opening: Arc::new(Semaphore::new(OPENED_AT_A_TIME)),
@@ -158,18 +157,18 @@ impl Pictures {
         tokio::task::spawn_blocking(cut).await?
     }
 
-    async fn file(&self, image: &Image) -> Result<Arc<ImageFile>, LookError> {
+    async fn file(&self, image: &Image) -> Opened {
         let (inner, sha256) = (self.0.clone(), image.sha256);
         self.0.kept.get(Key { sha256, small: false }, async move { inner.open(&sha256).await }).await
     }
 
-    async fn overview(&self, image: &Image, level: u32) -> Result<Arc<ImageFile>, LookError> {
+    async fn overview(&self, image: &Image, level: u32) -> Opened {
         let key = Key { sha256: image.sha256, small: true };
         let (this, image) = (self.clone(), image.clone());
         let made = async move {
             let size_px = levels_of(&image).level_px(level);
             if let Some(kept) = this.0.kept_overview(&image.sha256, size_px).await? {
-                return Ok(kept);
+                return Ok(Arc::new(kept));
             }
             let file = this.file(&image).await?;
             this.0.make_overview(file, image.sha256, 1 << level).await
@@ -179,9 +178,9 @@ impl Pictures {
 }
 
 impl Inner {
-    async fn open(&self, sha256: &[u8; 32]) -> Result<ImageFile, LookError> {
+    async fn open(&self, sha256: &[u8; 32]) -> Opened {
         let (path, limits) = (self.store.image_file(sha256).await?, self.limits.clone());
-        self.one_of_few(move || Ok(ImageFile::open(&path, &limits)?)).await
+        self.one_of_few(move || Ok(Arc::new(ImageFile::open(&path, &limits)?))).await
     }
 
     /// The overview that was made before; one that cannot be read, or is another one's, is none.
@@ -195,22 +194,25 @@ impl Inner {
         Ok(opened.filter(|picture| picture.size_px() == size_px))
     }
 
-    async fn make_overview(
-        self: &Arc<Self>,
-        file: Arc<ImageFile>,
-        sha256: [u8; 32],
-        reduction: u32,
-    ) -> Result<ImageFile, LookError> {
-        let path: PathBuf = self.store.image_file(&sha256).await?;
-        let this = self.clone();
-        let make = move || {
-            let overview = levels::overview(&file, &path, &this.limits, reduction)?;
-            let [width, height] = overview.size_px();
-            let whole = overview.window(PixelRect { x: 0, y: 0, width, height }, 1)?;
-            this.keep(&sha256, Small::Overview, &levels::jpeg(&whole, OVERVIEW_QUALITY)?);
-            Ok(overview)
-        };
-        self.one_of_few(make).await
+    async fn make_overview(self: &Arc<Self>, file: Arc<ImageFile>, sha256: [u8; 32], reduction: u32) -> Opened {
+        let (path, limits) = (self.store.image_file(&sha256).await?, self.limits.clone());
+        let make = move || Ok(Arc::new(levels::overview(&file, &path, &limits, reduction)?));
+        let overview = self.one_of_few(make).await?;
+        // whoever waits for the first tile does not wait for the file too
+        let (this, made) = (self.clone(), overview.clone());
+        tokio::spawn(async move {
+            let inner = this.clone();
+            let keep = move || {
+                let [width, height] = made.size_px();
+                let whole = made.window(PixelRect { x: 0, y: 0, width, height }, 1)?;
+                inner.keep(&sha256, Small::Overview, &levels::jpeg(&whole, OVERVIEW_QUALITY)?);
+                Ok(())
+            };
+            if let Err(error) = this.one_of_few(keep).await {
+                tracing::warn!(%error, "the overview of an image was not kept");
+            }
+        });
+        Ok(overview)
     }
 
     /// Keeps a small picture as a file, if there is room: it is only faster so.

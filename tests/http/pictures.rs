@@ -1,6 +1,7 @@
 //! Images to look at: tiles, thumbnails and windows.
 
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use image::GrayImage;
 use tiff::encoder::{Compression, TiffEncoder, colortype::Gray8};
@@ -129,10 +130,15 @@ async fn a_thumbnail_is_small_and_made_once() {
     assert_eq!(service.files("overviews"), Vec::<String>::new());
 }
 
-fn overview(service: &Service) -> PathBuf {
-    let files = service.files("overviews");
-    let name = files.iter().find(|name| name.ends_with(".overview.jpg")).unwrap_or_else(|| panic!("none: {files:?}"));
-    service.state.store.folder().join("overviews").join(name)
+/// The file of the overview, which comes a little later than the first tile.
+async fn overview(service: &Service) -> PathBuf {
+    for _ in 0..1000 {
+        if let Some(name) = service.files("overviews").iter().find(|name| name.ends_with(".overview.jpg")) {
+            return service.state.store.folder().join("overviews").join(name);
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    panic!("there is none");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -150,7 +156,7 @@ async fn higher_levels_of_a_large_image_come_from_its_overview() {
         let column = path.split('/').nth(1).unwrap().parse::<u32>().unwrap();
         assert_means(&picture, [512 * column, 0], 1 << level, SIZE_PX, slope);
     }
-    assert_eq!(image::open(overview(&service)).unwrap().to_luma8().dimensions(), (2501, 150));
+    assert_eq!(image::open(overview(&service).await).unwrap().to_luma8().dimensions(), (2501, 150));
     let highest = tile("4/0/0").await.body;
     tile("5/0/0").await.problem(404);
     // a service that begins anew takes the one that is there, and makes one that is damaged again
@@ -158,7 +164,7 @@ async fn higher_levels_of_a_large_image_come_from_its_overview() {
     let state = gable::http::AppState::new(store, (*service.state.configuration).clone());
     for damage in [false, true] {
         if damage {
-            std::fs::write(overview(&service), b"no picture").unwrap();
+            std::fs::write(overview(&service).await, b"no picture").unwrap();
         }
         let id = image.rsplit('/').next().unwrap().parse().unwrap();
         let row = state.store.image(id).await.unwrap().unwrap();
@@ -166,7 +172,12 @@ async fn higher_levels_of_a_large_image_come_from_its_overview() {
         let shown = state.pictures.tile(&row, [4, 0, 0]).await.unwrap().unwrap();
         let shown = image::load_from_memory(&shown).unwrap().to_luma8();
         assert_means(&shown, [0, 0], 16, SIZE_PX, slope);
-        assert_eq!(image::open(overview(&service)).unwrap().to_luma8().dimensions(), (2501, 150));
+        let began = Instant::now();
+        while image::open(overview(&service).await).is_err() {
+            assert!(began.elapsed() < Duration::from_secs(20), "it was not made again");
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        assert_eq!(image::open(overview(&service).await).unwrap().to_luma8().dimensions(), (2501, 150));
     }
     assert_eq!(tile("4/0/0").await.body, highest);
     assert_eq!(service.delete(&image).await.status, 204);
@@ -185,7 +196,7 @@ async fn what_is_left_of_small_pictures_is_swept() {
     {
         std::fs::write(folder.join(name), b"x").unwrap();
     }
-    let old = std::time::SystemTime::now() - std::time::Duration::from_secs(7200);
+    let old = std::time::SystemTime::now() - Duration::from_secs(7200);
     for name in service.files("overviews").into_iter().filter(|name| !name.starts_with("cd")) {
         std::fs::File::options().append(true).open(folder.join(name)).unwrap().set_modified(old).unwrap();
     }

@@ -17,7 +17,7 @@ pub(super) struct Key {
     pub(super) small: bool,
 }
 
-type Opened = Result<Arc<ImageFile>, LookError>;
+pub(super) type Opened = Result<Arc<ImageFile>, LookError>;
 
 /// Pictures that are open, up to a number of bytes, and the one used last in any case.
 #[derive(Debug)]
@@ -51,18 +51,14 @@ impl Kept {
 
     /// The picture. If it is not open `open` is run, once for all who ask meanwhile, even if they go away; what could not
     /// be opened is tried again by who asks later.
-    pub(super) async fn get(
-        &self,
-        key: Key,
-        open: impl Future<Output = Result<ImageFile, LookError>> + Send + 'static,
-    ) -> Opened {
+    pub(super) async fn get(&self, key: Key, open: impl Future<Output = Opened> + Send + 'static) -> Opened {
         let picture = locked(&self.pictures).entry(key);
         if let Some(opened) = picture.get() {
             return opened.clone();
         }
         let (pictures, max_bytes) = (self.pictures.clone(), self.max_bytes);
         let opening = tokio::spawn(async move {
-            let opened = picture.get_or_init(async || open.await.map(Arc::new)).await.clone();
+            let opened = picture.get_or_init(|| open).await.clone();
             locked(&pictures).settle(key, opened.is_ok(), max_bytes);
             opened
         });
@@ -115,10 +111,10 @@ mod tests {
     const C: Key = Key { sha256: [3; 32], small: false };
 
     /// A picture of a hundred bytes.
-    fn picture() -> ImageFile {
+    fn picture() -> Arc<ImageFile> {
         let file = tempfile::Builder::new().suffix(".png").tempfile().unwrap();
         image::GrayImage::new(10, 10).save(file.path()).unwrap();
-        ImageFile::open(file.path(), &Limits::default()).unwrap()
+        Arc::new(ImageFile::open(file.path(), &Limits::default()).unwrap())
     }
 
     async fn opened_anew(kept: &Kept, key: Key) -> bool {
