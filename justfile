@@ -14,6 +14,11 @@ demo *arguments:
 test:
     cargo test --release
 
+# the pages in a headless Chromium; `just pages screenshots` writes pictures of them
+pages *what:
+    cargo build --release
+    tests/e2e/run {{what}}
+
 # what .ci/run asks before the tests
 check:
     cargo fmt --check
