@@ -71,8 +71,8 @@ test('the tiles show the pixels of the file at their places', async () => {
   await page.waitForLoadState('networkidle');
   const { scale, toScreen } = await viewerScale(page);
   assert.ok(Math.abs(scale - 1) < 3e-3, `scale ${scale}`);
-  // means of squares of 24 px, where the image has them and where the screen shows them
-  const places = [[700, 500], [800, 400], [640, 620], [900, 600], [760, 300], [1000, 450]];
+  // means of squares of 24 px, each within one tile: where the image has them and where the screen shows them
+  const places = [[700, 470], [800, 400], [640, 620], [900, 600], [760, 300], [1000, 450]];
   const tiles = await page.evaluate(async ({ image, squares }) => {
     const means = [];
     for (const [x, y] of squares) {
