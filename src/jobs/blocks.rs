@@ -41,15 +41,16 @@ impl Jobs {
 
     /// Says that these are in the queue, after a transaction with [`Self::submit_all`].
     pub async fn announce(&self, new: &[NewOrientation]) {
-        self.0.call_workers().await;
-        for (number, new) in new.iter().enumerate() {
-            let change = Change::to(new.id, Status::Queued);
+        let changes: Vec<Change> = new.iter().map(|new| Change::to(new.id, Status::Queued)).collect();
+        // before anybody begins with one of them
+        for change in &changes {
             self.0.teller.tell(Told::Change(change.clone()));
-            // each is a statement; of the rest of a large block other services hear when it begins
-            if number < TOLD_OTHERS_MAX {
-                self.0.tell_others(&change).await;
-            }
         }
+        // each is a statement; of the rest of a large block other services hear when it begins
+        for change in changes.iter().take(TOLD_OTHERS_MAX) {
+            self.0.tell_others(change).await;
+        }
+        self.0.call_workers().await;
     }
 
     /// Removes a block, and cancels its orientations that have not ended; `false` if there is none.

@@ -39,6 +39,8 @@ pub(super) async fn events(State(state): State<AppState>) -> Sse<impl Stream<Ite
 /// The next event; `None` when the service ends.
 async fn next(state: &AppState, changes: &mut Receiver<Change>) -> Option<Event> {
     let received = tokio::select! {
+        // what has happened before the end is told
+        biased;
         received = changes.recv() => received,
         () = state.jobs.stopping().cancelled() => return None,
     };
