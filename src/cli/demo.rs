@@ -80,9 +80,9 @@ impl Demo {
             () = stop.cancelled() => Err(anyhow::anyhow!("interrupted")),
         };
         if let (Ok((_, id)), false) = (&told, self.exit) {
-            let orientation = format!("{address}/api/v1/orientations/{id}");
             print(&format!(
-                "\nServing until Ctrl-C. Look at\n  {orientation}/overlay\n  {orientation}\n  {address}/docs/"
+                "\nServing until Ctrl-C. Look at\n  {address}/orientations/{id}\n  \
+                 {address}/api/v1/orientations/{id}\n  {address}/docs/"
             ))?;
             stop.cancelled().await;
         }

@@ -18,7 +18,7 @@ const EXAMPLES: &str = "\
 Examples:
   gable serve
       Serves on http://127.0.0.1:8080 with everything in ./gable-data. Programs on this machine need no key as long as \
-      none is made. Look at http://127.0.0.1:8080/docs.
+      none is made. Look at http://127.0.0.1:8080 in a browser; the API is told in /docs.
 
   gable key new --role admin --data /srv/gable && gable serve --listen 0.0.0.0:8080 --data /srv/gable
       Serves the network, which needs a key.

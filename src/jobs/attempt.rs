@@ -152,7 +152,7 @@ pub(super) fn told(
     // of buildings only: a scene may have the name of one
     let buildings = outcome.control_points.iter().filter(|point| point.kind == ControlKind::Lines);
     let sightings = buildings.filter(|_| accepted).map(sighting).collect();
-    let drawing = Drawing::of(outcome, control, &work.frame)?;
+    let drawing = Drawing::of(outcome, control, &work.frame, &prepared.approximation.position)?;
     Ok(Oriented { result, drawing, record: Record::of(outcome), sightings })
 }
 

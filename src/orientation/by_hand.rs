@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::gate::Located;
 use super::search::Search;
 use crate::scenes::Measured;
 
@@ -15,6 +16,20 @@ pub struct ByHand {
     pub off: Vec<usize>,
     /// Where reference points are, reduced pixels.
     pub places: Vec<(usize, Vector2<f64>)>,
+    /// The scenes as they were found before, if they are not to be looked for again: that takes a second, and where a
+    /// scene is does not depend on what was corrected.
+    pub scenes: Option<Vec<SeenScene>>,
+}
+
+/// A scene that was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenScene {
+    /// Its control point.
+    pub control_point: usize,
+    /// Its reference, measured.
+    pub measured: Measured,
+    /// Where SIFT has seen it; `None` if it was measured where it was predicted.
+    pub located: Option<Located>,
 }
 
 impl Search<'_> {
@@ -28,6 +43,12 @@ impl Search<'_> {
     #[must_use]
     pub fn is_on(&self, control_point: usize) -> bool {
         !self.by_hand.off.contains(&control_point)
+    }
+
+    /// The scenes that were found before and are neither switched off nor moved.
+    pub(super) fn seen_scenes(&self) -> impl Iterator<Item = &SeenScene> {
+        let seen = self.by_hand.scenes.iter().flatten();
+        seen.filter(|seen| self.is_on(seen.control_point) && self.placed(seen.control_point).is_none())
     }
 
     /// Where somebody has seen a control point.

@@ -4,6 +4,7 @@
 use nalgebra::Vector2;
 
 use super::adjust::{Adjustment, Building, Model, sigma_control_px};
+use super::by_hand::SeenScene;
 use super::extract::Extraction;
 use super::gate::{Round, Scale};
 use super::matching::{Match, Nearness, matches};
@@ -76,6 +77,28 @@ pub fn adjust_with_lines(
 pub fn log_odds(search: &Search, prediction: &Prediction, extraction: &mut Extraction) -> Result<f64, PictureError> {
     let located = search.locate_where_predicted(prediction, extraction, COLLECTIONS[2].round)?;
     Ok(located.iter().map(|l| l.log_odds).sum())
+}
+
+/// The scenes that an adjustment rests on, as they were found: with them the same image need not be searched for scenes
+/// again.
+///
+/// # Errors
+/// [`PictureError`] if the picture cannot be read where control points are expected.
+pub fn seen_scenes(
+    search: &Search,
+    adjustment: &Adjustment,
+    extraction: &mut Extraction,
+) -> Result<Vec<SeenScene>, PictureError> {
+    if !search.has_scenes() {
+        return Ok(Vec::new());
+    }
+    let located = search.locate_where_predicted(&adjustment.prediction(), extraction, COLLECTIONS[2].round)?;
+    let seen = adjustment.buildings.iter().filter_map(|building| {
+        let control_point = building.control_point;
+        let located = located.iter().find(|located| located.control_point == control_point).copied();
+        building.measured.map(|measured| SeenScene { control_point, measured, located })
+    });
+    Ok(seen.collect())
 }
 
 /// The buildings that are found where they are predicted, each with the pieces of its edges, and the scenes, each

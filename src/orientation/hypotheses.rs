@@ -308,7 +308,7 @@ impl Search<'_> {
             let located = Located { control_point, at_px: peak.at_px, sigma_px: round.scale.sigma_px, log_odds };
             (log_odds > 0.0).then_some(located)
         });
-        Ok(located.collect())
+        Ok(located.chain(self.seen_scenes().filter_map(|seen| seen.located)).collect())
     }
 
     /// The windows of all control points of which something is on the frame, given by the prediction's covariance.

@@ -132,6 +132,9 @@ impl Search<'_> {
         if self.control[control_point].scene.is_none() {
             return Ok(None);
         }
+        if let Some(seen) = self.seen_scenes().find(|seen| seen.control_point == control_point) {
+            return Ok(Some(seen.measured));
+        }
         let seen = Measured { at_px, covariance: Matrix2::identity() * SIGMA_FOUND_ONCE_PX.powi(2), correlation: 0.0 };
         Ok(Some(self.measured_near(control_point, at_px, orientation, extraction)?.unwrap_or(seen)))
     }
@@ -160,7 +163,8 @@ impl Search<'_> {
         seen: &[Located],
         extraction: &mut Extraction,
     ) -> Result<Vec<(usize, Measured)>, PictureError> {
-        let mut found = Vec::new();
+        let unseen = self.seen_scenes().filter(|known| known.located.is_none());
+        let mut found: Vec<(usize, Measured)> = unseen.map(|known| (known.control_point, known.measured)).collect();
         for (k, gate) in self.gates(prediction, NARROW_SIGMAS, SURE) {
             let sure_px = measure::SEARCH_CELLS as f64 * f64::from(extraction.keys().reduction()) / NARROW_SIGMAS;
             let sure = largest_sigma(&gate.covariance) <= sure_px;
@@ -185,8 +189,11 @@ impl Search<'_> {
         View { camera: self.camera, orientation, reference_m: self.control[control_point].reference_m }
     }
 
-    /// Where the scenes are expected that may be on the frame.
+    /// Where the scenes are expected that may be on the frame; nothing if they are not to be looked for.
     fn gates(&self, prediction: &Prediction, reach_sigmas: f64, scale: Scale) -> Vec<(usize, Gate)> {
+        if self.by_hand.scenes.is_some() {
+            return Vec::new();
+        }
         let gate = |k: usize| {
             let scene = self.control[k].scene.as_deref()?;
             self.scene_gate(k, scene, prediction, reach_sigmas, scale).map(|gate| (k, gate))

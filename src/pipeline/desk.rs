@@ -9,7 +9,8 @@ use crate::estimation::{PointObservation, resect};
 use crate::features::{Picture, PixelRect};
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::orientation::ControlPoint;
-use crate::orientation::by_hand::ByHand;
+use crate::orientation::by_hand::{ByHand, SeenScene};
+use crate::orientation::collect::seen_scenes;
 use crate::orientation::gate::Located;
 use crate::orientation::locate::{Peak, ShiftMap};
 use crate::orientation::predict::{Approximation, Prediction, edges_on_frame_px};
@@ -37,6 +38,8 @@ const PEAKS_SHOWN: usize = 5;
 pub struct Desk<'a> {
     run: Run<'a>,
     attempt: Attempt<'a>,
+    /// The scenes that were found.
+    scenes: Vec<SeenScene>,
 }
 
 /// The neighbourhood of a control point. Pixels of the file.
@@ -46,6 +49,8 @@ pub struct Neighbourhood {
     pub rect: PixelRect,
     /// Where its reference point is expected.
     pub predicted_px: Vector2<f64>,
+    /// Where the orientation has found it.
+    pub located_px: Option<Vector2<f64>>,
     /// Its edges there.
     pub edges_px: Vec<Segment2>,
     /// The line segments of the image.
@@ -75,7 +80,13 @@ impl<'a> Desk<'a> {
         observer: &'a dyn Observer,
     ) -> Result<Self, Fault> {
         let run = Run { picture, task, observer, done: 0.0 };
-        Ok(Self { run, attempt: attempt(run, control)? })
+        let mut attempt = attempt(run, control)?;
+        let mut scenes = Vec::new();
+        if let Some(Searched { control, approximation, extraction, best: Some(best), .. }) = &mut attempt.searched {
+            let search = Search::new(&task.camera, control, approximation);
+            scenes = seen_scenes(&search, &best.adjustment, extraction)?;
+        }
+        Ok(Self { run, attempt, scenes })
     }
 
     /// As it was oriented.
@@ -97,12 +108,16 @@ impl<'a> Desk<'a> {
     pub fn corrected(&mut self, correction: &Correction) -> Result<Outcome, Fault> {
         let Some(searched) = &mut self.attempt.searched else { return Ok(self.attempt.outcome.clone()) };
         let Searched { control, approximation, extraction, best, seen } = searched;
-        let by_hand = by_hand(control, &self.run.task.camera, correction);
+        let camera = &self.run.task.camera;
+        let mut by_hand = by_hand(control, camera, correction);
         let off = by_hand.off.clone();
-        let believed = believed(&self.run.task.camera, control, approximation, &by_hand);
-        let search = Search::new(&self.run.task.camera, control, &believed).with(by_hand);
+        let agreeing = best.as_ref().filter(|best| agrees(camera, control, best, &by_hand));
+        by_hand.scenes = agreeing.map(|_| self.scenes.clone());
+        let believed = believed(camera, control, approximation, &by_hand);
+        let search = Search::new(camera, control, &believed).with(by_hand);
         let mut trials = Vec::new();
-        let solution = match start(&search, best.as_ref()) {
+        let found = best.as_ref().map(|best| best.adjustment.orientation);
+        let solution = match agreeing.map_or_else(|| anew(&search, found), |best| going_on(&search, best)) {
             Some(start) => self.run.solve(&search, &start, extraction, &mut trials)?,
             None => None,
         };
@@ -124,12 +139,15 @@ impl<'a> Desk<'a> {
         let camera = &self.run.task.camera;
         let Searched { control, approximation, extraction, best, .. } = searched;
         let Some(index) = control.iter().position(|point| point.name == name) else { return Ok(None) };
-        let search = Search::new(camera, control, approximation);
+        // no scene need be looked for
+        let by_hand = ByHand { scenes: Some(Vec::new()), ..ByHand::default() };
+        let search = Search::new(camera, control, approximation).with(by_hand);
         let prior = approximation.prior(&approximation.orientation);
         let approximate = || {
             let prior = prior?;
             Some(Prediction { orientation: prior.orientation, covariance: prior.information.try_inverse()? })
         };
+        let located = self.attempt.outcome.control_points.iter().find(|point| point.name == name);
         let found = best.as_ref().map(|best| best.adjustment.prediction());
         let Some(prediction) = found.or_else(approximate) else { return Ok(None) };
         let Some(around) = search.around(index, &prediction, extraction)? else { return Ok(None) };
@@ -145,6 +163,7 @@ impl<'a> Desk<'a> {
         Ok(Some(Neighbourhood {
             rect,
             predicted_px: in_file(around.predicted_px),
+            located_px: located.and_then(|point| point.located_px),
             edges_px: around
                 .edges_px
                 .iter()
@@ -163,7 +182,7 @@ fn by_hand(control: &[ControlPoint], camera: &Camera, correction: &Correction) -
     let place = |(name, at_px): &(String, Vector2<f64>)| {
         index(name).filter(|index| !off.contains(index)).zip(camera.reduced_from_pixel(*at_px))
     };
-    ByHand { places: correction.moved.iter().filter_map(place).collect(), off }
+    ByHand { places: correction.moved.iter().filter_map(place).collect(), off, scenes: None }
 }
 
 /// So much worse than it says an approximation may be for all that is known before places are compared with it.
@@ -187,39 +206,44 @@ fn believed(camera: &Camera, control: &[ControlPoint], stated: &Approximation, b
     stated.erring_by(contradiction.unwrap_or(1.0).max(1.0))
 }
 
-/// Where the adjustment of a correction begins: with all that was located before, if that agrees with what was pointed at;
-/// else with what was pointed at alone.
-fn start(search: &Search, best: Option<&Solution>) -> Option<Hypothesis> {
-    let places = &search.by_hand.places;
-    let c = search.camera.principal_distance_px;
-    let by_hand = places.iter().map(|(control_point, at_px)| Located {
+/// Whether an orientation has all places that were pointed at about where they are.
+fn agrees(camera: &Camera, control: &[ControlPoint], best: &Solution, by_hand: &ByHand) -> bool {
+    by_hand.places.iter().all(|(k, at_px)| {
+        let projected = best.adjustment.orientation.reduced_px(camera.principal_distance_px, control[*k].reference_m);
+        projected.is_some_and(|projected| (projected - at_px).norm() < CORRECTED_WITHIN_PX)
+    })
+}
+
+fn pointed_at(search: &Search) -> impl Iterator<Item = Located> {
+    search.by_hand.places.iter().map(|(control_point, at_px)| Located {
         control_point: *control_point,
         at_px: *at_px,
         sigma_px: SIGMA_BY_HAND_PX,
         log_odds: 0.0,
+    })
+}
+
+/// From all that was located before, and what was pointed at.
+fn going_on(search: &Search, best: &Solution) -> Option<Hypothesis> {
+    let adjustment = &best.adjustment;
+    let free = |k: usize| search.is_on(k) && search.placed(k).is_none();
+    let kept = adjustment.buildings.iter().zip(&adjustment.kept).filter(|(b, _)| free(b.control_point));
+    let kept = kept.filter(|(_, kept)| kept.contains(&true)).filter_map(|(building, _)| {
+        let control_point = building.control_point;
+        let reference_m = search.control[control_point].reference_m;
+        let projected = adjustment.orientation.reduced_px(search.camera.principal_distance_px, reference_m)?;
+        let at_px = projected + building.shift_px;
+        Some(Located { control_point, at_px, sigma_px: SIGMA_LOCATED_PX, log_odds: 0.0 })
     });
-    let agrees = |best: &&Solution| {
-        places.iter().all(|(k, at_px)| {
-            let projected = best.adjustment.orientation.reduced_px(c, search.control[*k].reference_m);
-            projected.is_some_and(|projected| (projected - at_px).norm() < CORRECTED_WITHIN_PX)
-        })
-    };
-    if let Some(best) = best.filter(agrees) {
-        let adjustment = &best.adjustment;
-        let free = |k: usize| search.is_on(k) && search.placed(k).is_none();
-        let kept = adjustment.buildings.iter().zip(&adjustment.kept).filter(|(b, _)| free(b.control_point));
-        let kept = kept.filter(|(_, kept)| kept.contains(&true)).filter_map(|(building, _)| {
-            let reference = search.control[building.control_point].reference_m;
-            let at_px = adjustment.orientation.reduced_px(c, reference)? + building.shift_px;
-            let control_point = building.control_point;
-            Some(Located { control_point, at_px, sigma_px: SIGMA_LOCATED_PX, log_odds: 0.0 })
-        });
-        let located: Vec<Located> = by_hand.chain(kept).collect();
-        let prediction = adjustment.prediction();
-        return (!located.is_empty()).then_some(Hypothesis { prediction, located, score: best.log_odds });
-    }
-    let located: Vec<Located> = by_hand.collect();
-    let prediction = from_places(search, best.map(|best| best.adjustment.orientation))?;
+    let located: Vec<Located> = pointed_at(search).chain(kept).collect();
+    let prediction = adjustment.prediction();
+    (!located.is_empty()).then_some(Hypothesis { prediction, located, score: best.log_odds })
+}
+
+/// From what was pointed at alone: what was found before is wrong, or there was nothing.
+fn anew(search: &Search, found: Option<ExteriorOrientation>) -> Option<Hypothesis> {
+    let located: Vec<Located> = pointed_at(search).collect();
+    let prediction = from_places(search, found)?;
     Some(Hypothesis { prediction, located, score: 0.0 })
 }
 

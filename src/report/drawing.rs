@@ -7,6 +7,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::map;
+use super::position::Position;
 use crate::geometry::{CrsError, LocalFrame, Segment2};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{ControlKind, ControlPointResult, Ellipse, Outcome};
@@ -132,11 +133,17 @@ pub struct EdgeDrawing {
 }
 
 impl Drawing {
-    /// What there is to draw of an outcome. `control` are the control points that it could know, in `frame`.
+    /// What there is to draw of an outcome. `control` are the control points that it could know, in `frame`;
+    /// `approximation` is the position that was stated.
     ///
     /// # Errors
-    /// [`CrsError`] if the map has no CRS, which cannot be.
-    pub fn of(outcome: &Outcome, control: &[ControlPoint], frame: &LocalFrame) -> Result<Self, CrsError> {
+    /// [`CrsError`] if the CRS of that is not known any more.
+    pub fn of(
+        outcome: &Outcome,
+        control: &[ControlPoint],
+        frame: &LocalFrame,
+        approximation: &Position,
+    ) -> Result<Self, CrsError> {
         let edges = outcome.edges.iter().map(|edge| DrawnEdge {
             point: edge.control_point,
             projected_px: ends(&edge.projected_px),
@@ -146,7 +153,7 @@ impl Drawing {
             points: outcome.control_points.iter().map(DrawnPoint::of).collect(),
             edges: edges.collect(),
             tolerance_m: outcome.evidence.as_ref().map(|evidence| evidence.tolerance_m),
-            map: Some(map::map(outcome, control, frame)?),
+            map: Some(map::map(outcome, control, frame, approximation)?),
         })
     }
 

@@ -4,6 +4,7 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 use serde_json::{Value, json};
 
+use super::position::Position;
 use crate::geometry::{Crs, CrsError, LocalFrame};
 use crate::orientation::ControlPoint;
 use crate::pipeline::{Ellipse, Outcome};
@@ -14,11 +15,17 @@ const ELLIPSE_CORNERS: usize = 48;
 /// The ellipse is magnified to about this part of the footprint, for beside that it could not be seen.
 const ELLIPSE_SHARE: f64 = 0.06;
 
-/// The features of an outcome in the local frame `frame`. `control` are the control points that it could know.
+/// The features of an outcome in the local frame `frame`. `control` are the control points that it could know,
+/// `approximation` is the position that was stated.
 ///
 /// # Errors
-/// [`CrsError`] if WGS 84 is not known, which cannot be.
-pub fn map(outcome: &Outcome, control: &[ControlPoint], frame: &LocalFrame) -> Result<Value, CrsError> {
+/// [`CrsError`] if the CRS of that is not known any more.
+pub fn map(
+    outcome: &Outcome,
+    control: &[ControlPoint],
+    frame: &LocalFrame,
+    approximation: &Position,
+) -> Result<Value, CrsError> {
     let sheet = Sheet { frame, crs: Crs::parse("EPSG:4979")? };
     let mut features = Vec::new();
     if let Some(rim) = sheet.ring(&outcome.footprint_m) {
@@ -26,6 +33,11 @@ pub fn map(outcome: &Outcome, control: &[ControlPoint], frame: &LocalFrame) -> R
     }
     features.extend(sheet.control_points(outcome, control));
     features.extend(sheet.grid(outcome));
+    let undulation_m = approximation.vertical.map(|vertical| vertical.geoid_undulation_m);
+    let stated_m = Crs::parse(&approximation.crs)?.geocentric_from_position(approximation.coordinates, undulation_m)?;
+    if let Some(position) = sheet.position(frame.from_geocentric(stated_m)) {
+        features.push(feature("approximation", json!({"type": "Point", "coordinates": position}), json!({})));
+    }
     features.extend(sheet.projection_centre(outcome));
     Ok(json!({"type": "FeatureCollection", "features": features}))
 }

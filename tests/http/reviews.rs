@@ -89,7 +89,7 @@ async fn a_decision_that_makes_no_sense_is_refused_and_changes_nothing() {
         (json!({"decision": "accepted", "why": "a\u{7}b"}), "/why"),
         (json!({"decision": "accepted", "why": "so", "correction": {"off": ["nobody"]}}), "/correction"),
         (
-            json!({"decision": "accepted", "why": "so", "correction": {"moved": [{"name": "a", "at_px": [65.0, 2.0]}]}}),
+            json!({"decision": "accepted", "why": "so", "correction": {"moved": [{"name": "a", "at_px": [81.0, 2.0]}]}}),
             "/correction/moved/0/at_px",
         ),
         (

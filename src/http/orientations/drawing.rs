@@ -36,7 +36,7 @@ pub(super) async fn drawing(
 /// What there is to see on the map
 ///
 /// GeoJSON in longitude and latitude (WGS 84, with ellipsoidal heights). Each feature has a `role`: `footprint`,
-/// `projection_centre`, `error_ellipse` (of three standard deviations, magnified by `magnification`), `control_point`, or
+/// `projection_centre`, `approximation`, `error_ellipse` (of three standard deviations, magnified by `magnification`), `control_point`, or
 /// `grid_point`.
 #[utoipa::path(
     get, path = "/orientations/{id}/map", operation_id = "show_map", tag = "orientations",

@@ -20,6 +20,8 @@ use crate::store::orientations::Orientation;
 
 /// Control points in one correction.
 const MOST_CORRECTED: usize = 1000;
+/// So far beside the image a reference point may be, as a share of its size.
+const BESIDE: f64 = 0.25;
 
 /// What is corrected by hand.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -54,8 +56,10 @@ impl CorrectionRequest {
         }
         let [width, height] = image_px.map(f64::from);
         for (index, MovedRequest { at_px: [x, y], name }) in self.moved.iter().enumerate() {
-            if !((0.0..=width).contains(x) && (0.0..=height).contains(y)) {
-                let detail = format!("({x}, {y}) is not in the image, which has {width} x {height} px");
+            // the reference point of a building at the rim may lie beside the image
+            let near = |at: f64, size: f64| (-size * BESIDE..=size * (1.0 + BESIDE)).contains(&at);
+            if !(near(*x, width) && near(*y, height)) {
+                let detail = format!("({x}, {y}) lies far from the image, which has {width} x {height} px");
                 return Err(Problem::invalid_field(format!("{pointer}/moved/{index}/at_px"), detail));
             }
             if self.moved[..index].iter().any(|other| other.name == *name) {
@@ -152,6 +156,10 @@ struct WindowAnswer {
     /// Where its reference point is expected under the orientation that was found or, without one, the approximate one.
     #[schema(value_type = Vec<f64>)]
     predicted_px: [f64; 2],
+    /// Where it was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<f64>>)]
+    located_px: Option<[f64; 2]>,
     /// Its edges there.
     #[schema(value_type = Vec<Vec<Vec<f64>>>)]
     edges_px: Vec<[[f64; 2]; 2]>,
@@ -192,7 +200,7 @@ struct PeakAnswer {
 
 impl From<Neighbourhood> for WindowAnswer {
     fn from(seen: Neighbourhood) -> Self {
-        let Neighbourhood { rect, predicted_px, edges_px, segments_px, accumulator } = seen;
+        let Neighbourhood { rect, predicted_px, located_px, edges_px, segments_px, accumulator } = seen;
         let ends = |segment: &Segment2| [segment.start.into(), segment.end.into()];
         let peak = |(at_px, log_likelihood): &(Vector2<f64>, f64)| PeakAnswer {
             at_px: (*at_px).into(),
@@ -201,6 +209,7 @@ impl From<Neighbourhood> for WindowAnswer {
         Self {
             window_px: [rect.x, rect.y, rect.width, rect.height],
             predicted_px: predicted_px.into(),
+            located_px: located_px.map(Into::into),
             edges_px: edges_px.iter().map(ends).collect(),
             segments_px: segments_px.iter().map(ends).collect(),
             accumulator: accumulator.map(|accumulator| AccumulatorAnswer {

@@ -1,10 +1,11 @@
-// Short news at the rim of the page: said by screen readers, gone after a while, errors when they are clicked away.
+// Short news at the rim of the page: said by screen readers, gone after a while, errors later, or clicked away.
 
 import { html, render } from '../vendor/lit.js';
 import { t } from '../texts.js';
 
 export const NOTICES = 'notices';
 const SHOWN_MS = 6000;
+const ERROR_SHOWN_MS = 20_000;
 let notices = [];
 
 function draw() {
@@ -25,5 +26,5 @@ export function notify(text, kind = 'info') {
   const notice = { text, kind };
   notices = [...notices.slice(-3), notice];
   draw();
-  if (kind !== 'error') setTimeout(() => drop(notice), SHOWN_MS);
+  setTimeout(() => drop(notice), kind === 'error' ? ERROR_SHOWN_MS : SHOWN_MS);
 }
