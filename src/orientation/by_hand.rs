@@ -2,8 +2,12 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::ControlPoint;
 use super::gate::Located;
+use super::predict::Approximation;
 use super::search::Search;
+use super::sight::SceneLooks;
+use crate::geometry::Camera;
 use crate::scenes::Measured;
 
 /// How well somebody points who has the image before him, magnified.
@@ -32,11 +36,20 @@ pub struct SeenScene {
     pub located: Option<Located>,
 }
 
-impl Search<'_> {
-    /// The same, with what staff say.
+impl<'a> Search<'a> {
+    /// A search with what staff say. Where the scenes are known, they need not be drawn as the image would show them.
     #[must_use]
-    pub fn with(self, by_hand: ByHand) -> Self {
-        Self { by_hand, ..self }
+    pub fn with(
+        camera: &'a Camera,
+        control: &'a [ControlPoint],
+        approximation: &'a Approximation,
+        by_hand: ByHand,
+    ) -> Self {
+        let looks = match &by_hand.scenes {
+            None => SceneLooks::of(camera, control, &approximation.orientation),
+            Some(_) => SceneLooks::none(),
+        };
+        Self { camera, control, approximation, looks, by_hand }
     }
 
     /// Whether a control point may be used.

@@ -45,6 +45,11 @@ pub(super) struct SceneLooks {
 }
 
 impl SceneLooks {
+    /// Where no scene is looked for.
+    pub(super) fn none() -> Self {
+        Self { keys: Vec::new(), reduction: 1 }
+    }
+
     /// The key points of all scenes among the control points.
     pub(super) fn of(camera: &Camera, control: &[ControlPoint], orientation: &ExteriorOrientation) -> Self {
         let view = |point: &ControlPoint| View { camera, orientation, reference_m: point.reference_m };

@@ -114,7 +114,7 @@ impl<'a> Desk<'a> {
         let agreeing = best.as_ref().filter(|best| agrees(camera, control, best, &by_hand));
         by_hand.scenes = agreeing.map(|_| self.scenes.clone());
         let believed = believed(camera, control, approximation, &by_hand);
-        let search = Search::new(camera, control, &believed).with(by_hand);
+        let search = Search::with(camera, control, &believed, by_hand);
         let mut trials = Vec::new();
         let found = best.as_ref().map(|best| best.adjustment.orientation);
         let solution = match agreeing.map_or_else(|| anew(&search, found), |best| going_on(&search, best)) {
@@ -141,7 +141,7 @@ impl<'a> Desk<'a> {
         let Some(index) = control.iter().position(|point| point.name == name) else { return Ok(None) };
         // no scene need be looked for
         let by_hand = ByHand { scenes: Some(Vec::new()), ..ByHand::default() };
-        let search = Search::new(camera, control, approximation).with(by_hand);
+        let search = Search::with(camera, control, approximation, by_hand);
         let prior = approximation.prior(&approximation.orientation);
         let approximate = || {
             let prior = prior?;
@@ -197,7 +197,8 @@ fn believed(camera: &Camera, control: &[ControlPoint], stated: &Approximation, b
         return stated.clone();
     }
     let loose = stated.erring_by(LOOSELY);
-    let search = Search::new(camera, control, &loose).with(by_hand.clone());
+    let places_alone = ByHand { scenes: Some(Vec::new()), ..by_hand.clone() };
+    let search = Search::with(camera, control, &loose, places_alone);
     let contradiction = from_places(&search, None).and_then(|found| {
         let prior = stated.prior(&found.orientation)?;
         let step = prior.orientation.step_to(&found.orientation);

@@ -57,6 +57,12 @@ export function percent(share, digits = 0) {
   return new Intl.NumberFormat(locale, { style: 'percent', maximumFractionDigits: digits }).format(share);
 }
 
+/** A probability, never as if it were certain. */
+export function probability(share) {
+  if (share > 0.999) return `> ${percent(0.999, 1)}`;
+  return share < 0.001 ? `< ${percent(0.001, 1)}` : percent(share, share > 0.99 || share < 0.01 ? 1 : 0);
+}
+
 /** A time (RFC 3339) as date and time of the day. */
 export function time(text, style = { dateStyle: 'medium', timeStyle: 'short' }) {
   return text ? new Intl.DateTimeFormat(locale, style).format(new Date(text)) : '–';

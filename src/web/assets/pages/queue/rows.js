@@ -3,7 +3,7 @@
 
 import { html, nothing, repeat } from '../../vendor/lit.js';
 import { api } from '../../api.js';
-import { number, percent, t, time } from '../../texts.js';
+import { number, probability, t, time } from '../../texts.js';
 import { light, verdict } from '../../parts/verdict.js';
 import { failureText, reasonText } from '../../parts/reasons.js';
 
@@ -22,12 +22,6 @@ export const nameOf = (item) => item.image_name ?? briefly(item.image);
 export function rangeOf(place, count) {
   const first = Math.max(0, Math.floor(place.scrollTop / ROW_PX) - BEYOND);
   return [first, Math.min(count, first + Math.ceil(place.clientHeight / ROW_PX) + 2 * BEYOND)];
-}
-
-/** A probability, never as if it were certain. */
-export function probability(share) {
-  if (share > 0.99) return `> ${percent(0.99)}`;
-  return share < 0.01 ? `< ${percent(0.01)}` : percent(share);
 }
 
 // the service's score where there was nothing to judge

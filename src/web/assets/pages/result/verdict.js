@@ -1,7 +1,7 @@
 // The tab with the verdict: what it is, why, and what staff has decided about it.
 
 import { html, nothing, svg } from '../../vendor/lit.js';
-import { number, percent, t, time } from '../../texts.js';
+import { number, probability, t, time } from '../../texts.js';
 import { reasonText } from '../../parts/reasons.js';
 import { verdict } from '../../parts/verdict.js';
 import { figures, heading } from './figures.js';
@@ -72,7 +72,7 @@ export function verdictTab(result, { choose, decide, reviews }) {
   return html`
     <div class="verdict-head">${verdict(diagnosis.verdict)}
       <span class="probability">${diagnosis.probability_correct === undefined || diagnosis.probability_correct === null ? nothing
-        : html`<strong>${percent(diagnosis.probability_correct, 1)}</strong> ${t('result.probability')}`}</span></div>
+        : html`<strong>${probability(diagnosis.probability_correct)}</strong> ${t('result.probability')}`}</span></div>
     ${scoreLine(diagnosis)}
     ${figures([[t('result.score'), number(diagnosis.score, 2, { exactly: true })],
       [t('result.threshold'), number(diagnosis.threshold, 2, { exactly: true })]])}
