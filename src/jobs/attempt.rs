@@ -1,7 +1,7 @@
 //! One attempt at one orientation: from the row to the row.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
@@ -252,7 +252,9 @@ impl Inner {
             tracing::error!(%id, "the queue has delivered an orientation twice at a time");
         }
         // whoever ends the service from now on finds the signal
-        if !self.stopping.is_cancelled() {
+        if self.stopping.is_cancelled() {
+            self.let_be.lock().unwrap_or_else(PoisonError::into_inner).push(id);
+        } else {
             self.clone().under_signal(id, signal).await;
         }
         self.running().remove(&id);

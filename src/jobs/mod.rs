@@ -118,6 +118,8 @@ struct Inner {
     workers_wanted: AtomicUsize,
     workers_alive: AtomicUsize,
     running: Mutex<HashMap<Uuid, Arc<Signal>>>,
+    /// What the queue has handed out while this process was ending.
+    let_be: Mutex<Vec<Uuid>>,
     stopping: CancellationToken,
     drawing: Arc<Semaphore>,
     desks: Desks,
@@ -159,6 +161,7 @@ impl Jobs {
             workers_wanted: AtomicUsize::new(0),
             workers_alive: AtomicUsize::new(0),
             running: Mutex::default(),
+            let_be: Mutex::default(),
             stopping: CancellationToken::new(),
             drawing: Arc::new(Semaphore::new(settings.workers.max(1))),
             desks: Desks::default(),
@@ -227,6 +230,9 @@ impl Jobs {
         let deliver = self.0.queue.deliver(self.0.settings.workers, handler, quiet.clone());
         tokio::join!(deliver, interrupt);
         attempts.wait().await;
+        if let Err(error) = self.0.give_back().await {
+            tracing::error!(%error, "what the queue has handed out at the end could not be given back");
+        }
     }
 
     /// Looks after the queue until `stop`: attempts that nobody ends any more, trainings, figures, and what other
@@ -387,6 +393,24 @@ impl Inner {
         self.teller.tell(Told::Change(change.clone()));
         self.teller.tell(Told::Ended { status, verdict });
         self.tell_others(&change).await;
+    }
+
+    /// What was handed out at the end is done for the queue, but waits still: it goes back, for others. It may well be what
+    /// this process has handed back a moment before.
+    async fn give_back(&self) -> Result<(), StoreError> {
+        let let_be = std::mem::take(&mut *self.let_be.lock().unwrap_or_else(PoisonError::into_inner));
+        if let_be.is_empty() {
+            return Ok(());
+        }
+        let mut transaction = self.store.begin_write().await?;
+        for (id, turn) in orientations::waiting(&mut transaction).await? {
+            if let_be.contains(&id) {
+                self.queue.push(&mut transaction, id, turn).await?;
+            }
+        }
+        transaction.commit().await.map_err(StoreError::from)?;
+        self.call_workers().await;
+        Ok(())
     }
 
     /// Makes abandoned attempts wait again.
