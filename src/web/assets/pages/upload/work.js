@@ -18,6 +18,12 @@ function newKey() {
   return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, '0')).join('');
 }
 
+// the first look at a large image takes seconds: it begins here, while the image is oriented
+function stored(image) {
+  new Image().src = api.address(`/images/${image}/thumbnail`);
+  return api.get(`/images/${image}`);
+}
+
 /** All that is known of one image: its file, how much of it is sent, the image, where it was taken, its orientation. */
 class Entry {
   state = 'new';
@@ -130,7 +136,7 @@ class Work {
 
   #send(entry) {
     this.#sending.add(entry, {}, async (image) => {
-      entry.image = await api.get(`/images/${image}`);
+      entry.image = await stored(image);
       if (this.started) await this.#orient(entry);
     });
   }
@@ -140,7 +146,7 @@ class Work {
     if (!listed) { entry.state = 'unlisted'; return; }
     entry.upload = null;
     this.#sending.add(entry, { block: this.list.block.id, filename: listed }, async (image) => {
-      entry.image = await api.get(`/images/${image}`);
+      entry.image = await stored(image);
       const { items: [orientation] } = await api.get('/orientations', { query: { image, limit: 1 } });
       if (orientation) this.#watch.add(entry, orientation);
     });
