@@ -178,11 +178,14 @@ impl Ellipse {
     /// The ellipse of so many standard deviations; `None` if the covariance has no axes.
     #[must_use]
     pub fn of_covariance(centre_px: Vector2<f64>, covariance_px2: &Matrix2<f64>, sigmas: f64) -> Option<Self> {
+        if !covariance_px2.iter().all(|value| value.is_finite()) {
+            return None;
+        }
         let (a, b, c) = (covariance_px2[(0, 0)], covariance_px2[(0, 1)], covariance_px2[(1, 1)]);
         let (middle, half) = ((a + c) / 2.0, ((a - c) / 2.0).hypot(b));
         let semi_axes_px = [middle + half, middle - half].map(|variance| sigmas * variance.max(0.0).sqrt());
         let angle_rad = 0.5 * (2.0 * b).atan2(a - c);
-        semi_axes_px[0].is_finite().then_some(Self { centre_px, semi_axes_px, angle_rad })
+        Some(Self { centre_px, semi_axes_px, angle_rad })
     }
 }
 

@@ -143,6 +143,7 @@ async fn rows_of_before_have_a_diagnosis_too() {
         ids.push(id);
     }
     let undo = "DROP TABLE orientation_reasons; DROP INDEX orientations_by_review; DROP INDEX orientations_to_review;
+                DROP INDEX orientations_rejected; DROP INDEX orientations_doubtful;
                 ALTER TABLE orientations DROP COLUMN diagnosis; ALTER TABLE orientations DROP COLUMN review;
                 ALTER TABLE images DROP COLUMN name; ALTER TABLE images DROP COLUMN camera_model;";
     match bench.store.database() {
