@@ -94,6 +94,7 @@ pub struct DrawnImage {
 /// A control point in the image.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct ControlPointDrawing {
+    /// Its name.
     name: String,
     /// `lines` or `scene`.
     #[schema(example = "lines")]

@@ -13,7 +13,7 @@ fn raw(content_type: &str, body: impl Into<Body>) -> Request<Body> {
 #[tokio::test]
 async fn unknown_addresses_and_methods() {
     let service = Service::new().await;
-    service.get("/").await.problem(404);
+    service.get("/nothing").await.problem(404);
     service.get("/api/v1/nothing").await.problem(404);
     service.get("/api/v2/cameras").await.problem(404);
     service.get("/api/v1/images/not-an-id").await.problem(404);
