@@ -423,6 +423,10 @@ impl Inner {
                 if orientations::release(&mut transaction, claim, *counted).await? {
                     self.queue.push(&mut transaction, id, orientation.turn).await?;
                     transaction.commit().await?;
+                    if self.stopping.is_cancelled() {
+                        // this process may take it out of the queue once more
+                        self.let_be.lock().unwrap_or_else(PoisonError::into_inner).push(id);
+                    }
                     self.call_workers().await;
                 }
             }

@@ -118,7 +118,7 @@ struct Inner {
     workers_wanted: AtomicUsize,
     workers_alive: AtomicUsize,
     running: Mutex<HashMap<Uuid, Arc<Signal>>>,
-    /// What the queue has handed out while this process was ending.
+    /// What this process has handed back while it was ending, and what the queue has handed out then.
     let_be: Mutex<Vec<Uuid>>,
     stopping: CancellationToken,
     drawing: Arc<Semaphore>,
@@ -395,8 +395,9 @@ impl Inner {
         self.tell_others(&change).await;
     }
 
-    /// What was handed out at the end is done for the queue, but waits still: it goes back, for others. It may well be what
-    /// this process has handed back a moment before.
+    /// What was handed out at the end is done for the queue, or held by it for this process, but waits still: it goes back,
+    /// for others. It may well be what this process has handed back a moment before. That it may be in the queue twice
+    /// does no harm.
     async fn give_back(&self) -> Result<(), StoreError> {
         let let_be = std::mem::take(&mut *self.let_be.lock().unwrap_or_else(PoisonError::into_inner));
         if let_be.is_empty() {
