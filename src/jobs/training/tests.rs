@@ -305,7 +305,8 @@ async fn a_training_that_the_end_of_the_service_has_interrupted_begins_anew() {
 }
 
 async fn decide(bench: &Bench, decision: Decision, reference: Option<ReferenceOrientation>) {
-    let id: Uuid = query("SELECT max(id) FROM orientations").fetch_value(bench.store.database()).await.unwrap();
+    let latest = query("SELECT id FROM orientations ORDER BY id DESC LIMIT 1");
+    let id: Uuid = latest.fetch_value(bench.store.database()).await.unwrap();
     let (why, who) = (String::new(), String::from("loopback"));
     let review = NewReview { id: Uuid::now_v7(), orientation_id: id, decision, why, who, corrected: None, reference };
     bench.store.add_review(&review).await.unwrap().unwrap();
