@@ -133,11 +133,12 @@ impl Sheet<'_> {
     }
 }
 
-fn feature(role: &str, geometry: Value, mut properties: Value) -> Value {
-    if let Some(fields) = properties.as_object_mut() {
-        fields.insert("role".to_owned(), json!(role));
-    }
-    json!({"type": "Feature", "geometry": geometry, "properties": properties})
+fn feature(role: &str, geometry: Value, properties: Value) -> Value {
+    let mut feature = json!({"type": "Feature"});
+    feature["geometry"] = geometry;
+    feature["properties"] = properties;
+    feature["properties"]["role"] = json!(role);
+    feature
 }
 
 /// Positive if the corners go round counter-clockwise, seen from above.

@@ -125,11 +125,18 @@ pub(super) async fn create(
     let (record, corrected) = match request.correction.filter(|c| *c != CorrectionRequest::default()) {
         None => {
             let record = state.store.record(id).await?;
-            (record.as_deref().map(serde_json::from_str::<Record>).transpose().map_err(unreadable)?, None)
+            (
+                record
+                    .as_deref()
+                    .map(serde_json::from_str::<Record>)
+                    .transpose()
+                    .map_err(|error| unreadable(&error))?,
+                None,
+            )
         }
         Some(correction) => {
             let tried = tried(&state, &orientation, &correction, "/correction").await?;
-            let json = |value: Result<String, serde_json::Error>| value.map_err(unreadable);
+            let json = |value: Result<String, serde_json::Error>| value.map_err(|error| unreadable(&error));
             let corrected = Corrected {
                 correction: json(serde_json::to_string(&correction))?,
                 result: json(serde_json::to_string(&tried.oriented.result))?,
@@ -165,8 +172,8 @@ pub(super) async fn create(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], axum::Json(ReviewAnswer::new(kept)?)).into_response())
 }
 
-fn unreadable(error: serde_json::Error) -> Problem {
-    Problem::internal(&error)
+fn unreadable(error: &serde_json::Error) -> Problem {
+    Problem::internal(error)
 }
 
 /// The reason, without blanks around it.
