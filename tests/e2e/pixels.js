@@ -3,15 +3,25 @@
 /** Decodes a PNG in an empty page of `browser`: gives `at(x, y)` with red, green, blue. */
 export async function decoded(browser, png) {
   const page = await browser.newPage();
-  const { width, data } = await page.evaluate(async (text) => {
+  const { width, file } = await page.evaluate(async (text) => {
     const bitmap = await createImageBitmap(await (await fetch(`data:image/png;base64,${text}`)).blob());
     const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
     const context = canvas.getContext('2d');
     context.drawImage(bitmap, 0, 0);
-    return { width: bitmap.width, data: [...context.getImageData(0, 0, bitmap.width, bitmap.height).data] };
+    // as text: millions of single numbers would take a minute on their way
+    const { data } = context.getImageData(0, 0, bitmap.width, bitmap.height);
+    const reader = new FileReader();
+    const read = new Promise((resolve) => { reader.onload = () => resolve(reader.result); });
+    reader.readAsDataURL(new Blob([data]));
+    return { width: bitmap.width, file: await read };
   }, png.toString('base64'));
   await page.close();
-  return { at: (x, y) => data.slice(4 * (Math.round(y) * width + Math.round(x)), 4 * (Math.round(y) * width + Math.round(x)) + 3), data };
+  const data = Buffer.from(file.slice(file.indexOf(',') + 1), 'base64');
+  const at = (x, y) => {
+    const first = 4 * (Math.round(y) * width + Math.round(x));
+    return [...data.subarray(first, first + 3)];
+  };
+  return { at, data };
 }
 
 async function readOut(page) {

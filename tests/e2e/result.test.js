@@ -7,6 +7,7 @@ import { axe, launch, oriented, scene, service, until, variant } from './support
 
 const MATCHED = [0x56, 0xb4, 0xe9];
 const XSS = '<img src=x onerror=window.hacked=1>';
+const OTHERS = 30;
 let browser;
 let served;
 let drawing;
@@ -273,7 +274,10 @@ test('it is followed while it runs, and the result comes without loading the pag
   const form = new FormData();
   form.append('file', new Blob([variant(scene().photograph, 'third')], { type: 'image/png' }), `${XSS}.png`);
   const image = await (await fetch(`${served.url}/api/v1/images`, { method: 'POST', body: form })).json();
-  const { id } = await served.api('POST', '/orientations', { image: image.id, camera: scene().camera.name, approximation: scene().approximation });
+  const wanted = { image: image.id, camera: scene().camera.name, approximation: scene().approximation };
+  // others go first, so that there is something to follow when the page is there
+  for (let count = 0; count < OTHERS; count += 1) await served.api('POST', '/orientations', { ...wanted, priority: 'high' });
+  const { id } = await served.api('POST', '/orientations', { ...wanted, priority: 'low' });
   const page = await browser.page(`${served.url}/orientations/${id}`);
   await page.evaluate(() => { window.here = true; });
   await page.locator('.underway progress').waitFor();
