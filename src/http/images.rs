@@ -427,8 +427,15 @@ async fn list(
     ),
 )]
 async fn read(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<axum::Json<ImageAnswer>, Problem> {
-    let image = state.store.image(id).await?;
-    Ok(axum::Json(image.ok_or_else(|| Problem::not_found("There is no image with this id."))?.into()))
+    Ok(axum::Json(found(&state, id).await?.into()))
+}
+
+async fn found(state: &AppState, id: Uuid) -> Result<Image, Problem> {
+    state.store.image(id).await?.ok_or_else(missing)
+}
+
+fn missing() -> Problem {
+    Problem::not_found("There is no image with this id.")
 }
 
 /// Remove an image
@@ -452,7 +459,7 @@ async fn remove(State(state): State<AppState>, Path(id): Path<Uuid>) -> Result<S
             image.iter().for_each(|image| state.pictures.forget(&image.sha256));
             Ok(StatusCode::NO_CONTENT)
         }
-        Removal::Missing => Err(Problem::not_found("There is no image with this id.")),
+        Removal::Missing => Err(missing()),
         Removal::InUse => {
             Err(Problem::conflict("An orientation of this image waits or runs; cancel it, or wait for its end."))
         }

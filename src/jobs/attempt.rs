@@ -1,7 +1,7 @@
 //! One attempt at one orientation: from the row to the row.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
@@ -253,7 +253,7 @@ impl Inner {
         }
         // whoever ends the service from now on finds the signal
         if self.stopping.is_cancelled() {
-            self.let_be.lock().unwrap_or_else(PoisonError::into_inner).push(id);
+            self.let_be().push(id);
         } else {
             self.clone().under_signal(id, signal).await;
         }
@@ -425,7 +425,7 @@ impl Inner {
                     transaction.commit().await?;
                     if self.stopping.is_cancelled() {
                         // this process may take it out of the queue once more
-                        self.let_be.lock().unwrap_or_else(PoisonError::into_inner).push(id);
+                        self.let_be().push(id);
                     }
                     self.call_workers().await;
                 }

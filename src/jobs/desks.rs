@@ -3,7 +3,7 @@
 //! cleared.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::PoisonError;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
@@ -19,7 +19,9 @@ use crate::features::Picture as _;
 use crate::imagery::{self, ImageFile, Limits};
 use crate::orientation::ControlPoint;
 use crate::pipeline::desk::{Correction, Desk, Neighbourhood};
-use crate::pipeline::{FilmOutcome, Observer, Outcome, Stage, Task, hold_at_yellow, orient, orient_film};
+use crate::pipeline::{
+    FilmOutcome, FilmTask, Observer, OrientFn, Outcome, Stage, Task, hold_at_yellow, orient, orient_film,
+};
 use crate::report::interior::InteriorResult;
 use crate::store::images::INCOMING;
 use crate::store::orientations::Orientation;
@@ -170,7 +172,7 @@ impl Observer for Quiet {
 }
 
 /// The image with its camera.
-struct Prepared {
+struct Laid {
     task: Task,
     interior: Option<InteriorResult>,
     /// Why the interior orientation allows no green verdict.
@@ -183,25 +185,24 @@ impl Sheet {
         let Self { loaded: Loaded { path, prepared, work, control }, incoming, limits, stopping } = self;
         let observer = Quiet(stopping);
         let control = control.read(&work.frame, &incoming, &limits);
-        let opened = || -> Result<(ImageFile, Prepared), DeskError> {
+        let opened = || -> Result<(ImageFile, Laid), DeskError> {
             let picture = ImageFile::open(&path, &limits).map_err(AttemptError::from)?;
-            let prepared = match &work.camera {
+            let laid = match &work.camera {
                 CameraModel::Digital(camera) => {
                     check_size(&picture, camera).map_err(AttemptError::from)?;
-                    Prepared { task: work.task(*camera), interior: None, doubts: None }
+                    Laid { task: work.task(*camera), interior: None, doubts: None }
                 }
                 CameraModel::Film(camera) => {
                     let probe = imagery::probe(&path, &limits).map_err(AttemptError::from)?;
                     let wanted = prepared.scan.wanted(probe.pixel_size_um);
                     let task = work.film_task(camera.clone(), wanted);
-                    let laid = laid_film(&picture, &control, &task, &observer)?;
-                    let interior = InteriorResult::of(&laid.1.interior, &camera.plate, picture.size_px());
-                    let doubtful = laid.1.interior.verdict != Verdict::Green;
-                    let doubts = doubtful.then(|| laid.1.interior.reasons.clone());
-                    Prepared { task: laid.0, interior: Some(interior), doubts }
+                    let (task, film) = laid_film(&picture, &control, &task, &observer)?;
+                    let interior = InteriorResult::of(&film.interior, &camera.plate, picture.size_px());
+                    let doubtful = film.interior.verdict != Verdict::Green;
+                    Laid { task, interior: Some(interior), doubts: doubtful.then_some(film.interior.reasons) }
                 }
             };
-            Ok((picture, prepared))
+            Ok((picture, laid))
         };
         let (picture, image) = match opened() {
             Ok(opened) => opened,
@@ -231,7 +232,7 @@ impl Sheet {
     }
 }
 
-fn corrected(desk: &mut Desk, correction: &Correction, image: &Prepared) -> Result<(Outcome, f64), DeskError> {
+fn corrected(desk: &mut Desk, correction: &Correction, image: &Laid) -> Result<(Outcome, f64), DeskError> {
     let names = correction.off.iter().chain(correction.moved.iter().map(|(name, _)| name));
     for name in names {
         if !desk.control().iter().any(|point| point.name == *name) {
@@ -252,25 +253,21 @@ fn corrected(desk: &mut Desk, correction: &Correction, image: &Prepared) -> Resu
 fn laid_film(
     picture: &ImageFile,
     control: &[ControlPoint],
-    task: &crate::pipeline::FilmTask,
+    task: &FilmTask,
     observer: &dyn Observer,
 ) -> Result<(Task, FilmOutcome), DeskError> {
-    let tried = Arc::new(std::sync::Mutex::new(Vec::<(Task, Outcome)>::new()));
-    let remembered = tried.clone();
-    let remembering = move |picture: &dyn crate::features::Picture,
-                            control: &[ControlPoint],
-                            task: &Task,
-                            observer: &dyn Observer| {
+    let tried = std::sync::Mutex::new(Vec::<(Task, Outcome)>::new());
+    let remembering: OrientFn = &|picture, control, task, observer| {
         let outcome = orient(picture, control, task, observer)?;
-        remembered.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push((task.clone(), outcome.clone()));
+        tried.lock().unwrap_or_else(PoisonError::into_inner).push((task.clone(), outcome.clone()));
         Ok(outcome)
     };
-    let film = orient_film(&remembering, picture, control, task, observer).map_err(AttemptError::from)?;
-    let tried = tried.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let film = orient_film(remembering, picture, control, task, observer).map_err(AttemptError::from)?;
     // of several layings the one that was decided for
-    let chosen = tried.iter().find(|(_, outcome)| outcome.estimate == film.outcome.estimate);
+    let mut tried = tried.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter();
+    let chosen = tried.find(|(_, outcome)| outcome.estimate == film.outcome.estimate);
     let (task, _) = chosen.ok_or(DeskError::NoCamera)?;
-    Ok((task.clone(), film))
+    Ok((task, film))
 }
 
 /// Tells all that have called, and will call, why there is no desk.

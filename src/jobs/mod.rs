@@ -364,7 +364,7 @@ impl Jobs {
         format: overlay::Format,
     ) -> Result<Vec<u8>, AttemptError> {
         let image = self.0.store.image(orientation.image_id).await?.ok_or(AttemptError::Missing { what: "image" })?;
-        let drawing: Drawing = serde_json::from_str(orientation.drawing.as_deref().unwrap_or_default())?;
+        let drawing: Drawing = Drawing::kept(orientation.drawing.as_deref())?;
         let (path, limits) = (self.0.store.image_file(&image.sha256).await?, self.0.settings.limits.clone());
         let permit = self.0.drawing.clone().acquire_owned().await;
         let draw = move || {
@@ -387,6 +387,10 @@ impl Inner {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn let_be(&self) -> MutexGuard<'_, Vec<Uuid>> {
+        self.let_be.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     async fn ended(&self, id: Uuid, status: Status, verdict: Option<&str>) {
         let verdict = verdict.map(str::to_owned);
         let change = Change { verdict: verdict.clone(), ..Change::to(id, status) };
@@ -399,7 +403,7 @@ impl Inner {
     /// for others. It may well be what this process has handed back a moment before. That it may be in the queue twice
     /// does no harm.
     async fn give_back(&self) -> Result<(), StoreError> {
-        let let_be = std::mem::take(&mut *self.let_be.lock().unwrap_or_else(PoisonError::into_inner));
+        let let_be = std::mem::take(&mut *self.let_be());
         if let_be.is_empty() {
             return Ok(());
         }

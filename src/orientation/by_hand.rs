@@ -11,7 +11,7 @@ use crate::geometry::Camera;
 use crate::scenes::Measured;
 
 /// How well somebody points who has the image before him, magnified.
-const SIGMA_BY_HAND_PX: f64 = 1.5;
+pub const SIGMA_BY_HAND_PX: f64 = 1.5;
 
 /// What was said, by the indices of the control points.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -3,17 +3,19 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
+use super::outcome::{control_point_result, edges_of};
 use super::run::{Attempt, Run, Searched, Solution, attempt};
-use super::{ControlKind, ControlPointResult, EdgeResult, Fault, Observer, Outcome, Task};
+use super::{Fault, Observer, Outcome, Task};
 use crate::estimation::{PointObservation, resect};
 use crate::features::{Picture, PixelRect};
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::orientation::ControlPoint;
-use crate::orientation::by_hand::{ByHand, SeenScene};
+use crate::orientation::adjust::Adjustment;
+use crate::orientation::by_hand::{ByHand, SIGMA_BY_HAND_PX, SeenScene};
 use crate::orientation::collect::seen_scenes;
 use crate::orientation::gate::Located;
 use crate::orientation::locate::{Peak, ShiftMap};
-use crate::orientation::predict::{Approximation, Prediction, edges_on_frame_px};
+use crate::orientation::predict::{Approximation, Prediction};
 use crate::orientation::search::{Hypothesis, Search};
 
 /// What staff say of the control points of an image.
@@ -30,7 +32,6 @@ pub struct Correction {
 const CORRECTED_WITHIN_PX: f64 = 60.0;
 /// How well the control points of an adjustment are located for the orientation with points.
 const SIGMA_LOCATED_PX: f64 = 3.0;
-const SIGMA_BY_HAND_PX: f64 = 1.5;
 /// Candidates that are shown of a window.
 const PEAKS_SHOWN: usize = 5;
 
@@ -110,7 +111,6 @@ impl<'a> Desk<'a> {
         let Searched { control, approximation, extraction, best, seen } = searched;
         let camera = &self.run.task.camera;
         let mut by_hand = by_hand(control, camera, correction);
-        let off = by_hand.off.clone();
         let agreeing = best.as_ref().filter(|best| agrees(camera, control, best, &by_hand));
         by_hand.scenes = agreeing.map(|_| self.scenes.clone());
         let believed = believed(camera, control, approximation, &by_hand);
@@ -125,7 +125,7 @@ impl<'a> Desk<'a> {
         let rivals = self.run.rivals(&search, &solution, seen, trials);
         let mut outcome = self.run.outcome(&search, extraction, &solution, rivals);
         outcome.cost = self.attempt.outcome.cost;
-        show_unused(&mut outcome, &search, &solution.adjustment.orientation, &off);
+        show_unused(&mut outcome, &search, &solution.adjustment);
         Ok(outcome)
     }
 
@@ -273,29 +273,11 @@ fn from_places(search: &Search, found: Option<ExteriorOrientation>) -> Option<Pr
 }
 
 /// What is not to be used is shown all the same, where it would be.
-fn show_unused(outcome: &mut Outcome, search: &Search, orientation: &ExteriorOrientation, off: &[usize]) {
-    for index in off {
-        let control_point = &search.control[*index];
-        let edges = edges_on_frame_px(search.camera, orientation, control_point);
+fn show_unused(outcome: &mut Outcome, search: &Search, adjustment: &Adjustment) {
+    for index in &search.by_hand.off {
         let place = outcome.control_points.len();
-        outcome.control_points.push(ControlPointResult {
-            name: control_point.name.clone(),
-            kind: if control_point.scene.is_some() { ControlKind::Scene } else { ControlKind::Lines },
-            predicted_px: search.approximation.orientation.pixel(search.camera, control_point.reference_m),
-            search_region_px: None,
-            located_px: None,
-            projected_px: orientation.pixel(search.camera, control_point.reference_m),
-            used: false,
-            segments_matched: 0,
-            residual_px: None,
-            sensitivity: None,
-        });
-        let in_file = |p: Vector2<f64>| search.camera.pixel_from_reduced(p);
-        outcome.edges.extend(edges.iter().flatten().map(|edge| EdgeResult {
-            control_point: place,
-            projected_px: Segment2 { start: in_file(edge.start), end: in_file(edge.end) },
-            matched_px: Vec::new(),
-        }));
+        outcome.control_points.push(control_point_result(search, Some(adjustment), &[], *index));
+        outcome.edges.extend(edges_of(search, adjustment, &[], (place, *index)));
     }
 }
 

@@ -163,13 +163,13 @@ pub struct ControlPointResult {
     pub sensitivity: Option<ControlPointSensitivity>,
 }
 
-/// An ellipse in the image, in pixels of the file.
+/// An ellipse in a plane, in its units: in the image pixels of the file, on the ground metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ellipse {
     /// Its middle.
-    pub centre_px: Vector2<f64>,
+    pub centre: Vector2<f64>,
     /// The longer semi-axis and the shorter one.
-    pub semi_axes_px: [f64; 2],
+    pub semi_axes: [f64; 2],
     /// Direction of the longer one, from x towards y.
     pub angle_rad: f64,
 }
@@ -177,15 +177,15 @@ pub struct Ellipse {
 impl Ellipse {
     /// The ellipse of so many standard deviations; `None` if the covariance has no axes.
     #[must_use]
-    pub fn of_covariance(centre_px: Vector2<f64>, covariance_px2: &Matrix2<f64>, sigmas: f64) -> Option<Self> {
-        if !covariance_px2.iter().all(|value| value.is_finite()) {
+    pub fn of_covariance(centre: Vector2<f64>, covariance: &Matrix2<f64>, sigmas: f64) -> Option<Self> {
+        if !covariance.iter().all(|value| value.is_finite()) {
             return None;
         }
-        let (a, b, c) = (covariance_px2[(0, 0)], covariance_px2[(0, 1)], covariance_px2[(1, 1)]);
+        let (a, b, c) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
         let (middle, half) = ((a + c) / 2.0, ((a - c) / 2.0).hypot(b));
-        let semi_axes_px = [middle + half, middle - half].map(|variance| sigmas * variance.max(0.0).sqrt());
+        let semi_axes = [middle + half, middle - half].map(|variance| sigmas * variance.max(0.0).sqrt());
         let angle_rad = 0.5 * (2.0 * b).atan2(a - c);
-        Some(Self { centre_px, semi_axes_px, angle_rad })
+        Some(Self { centre, semi_axes, angle_rad })
     }
 }
 
@@ -325,7 +325,7 @@ mod tests {
             let covariance = turn * Matrix2::new(9.0, 0.0, 0.0, 4.0) * turn.inverse();
             let ellipse = Ellipse::of_covariance(Vector2::new(5.0, 6.0), &covariance, 3.0).unwrap();
             assert!((ellipse.angle_rad - angle_rad).abs() < 1e-12);
-            assert!((ellipse.semi_axes_px[0] - 9.0).abs() < 1e-12 && (ellipse.semi_axes_px[1] - 6.0).abs() < 1e-12);
+            assert!((ellipse.semi_axes[0] - 9.0).abs() < 1e-12 && (ellipse.semi_axes[1] - 6.0).abs() < 1e-12);
         }
         let unknown = Matrix2::new(f64::NAN, 0.0, 0.0, 1.0);
         assert_eq!(Ellipse::of_covariance(Vector2::zeros(), &unknown, 3.0), None);

@@ -148,7 +148,8 @@ pub(super) fn in_view(search: &Search, adjustment: Option<&Adjustment>) -> impl 
     })
 }
 
-fn control_point_result(
+/// What became of one control point.
+pub(super) fn control_point_result(
     search: &Search,
     adjustment: Option<&Adjustment>,
     observed: &[ObservedSegment],
@@ -246,26 +247,30 @@ fn outline_px(camera: &Camera, orientation: &ExteriorOrientation, control_point:
 
 /// The edges of all control points in view under the adjusted orientation; of a scene the rim of its picture.
 pub(super) fn edge_results(search: &Search, adjustment: &Adjustment, observed: &[ObservedSegment]) -> Vec<EdgeResult> {
-    let mut results = Vec::new();
-    for (place, index) in in_view(search, Some(adjustment)).enumerate() {
-        let control_point = &search.control[index];
-        let outline = outline_px(search.camera, &adjustment.orientation, control_point);
-        let outline = outline.into_iter().map(|projected_px| EdgeResult {
+    let shown = in_view(search, Some(adjustment)).enumerate();
+    shown.flat_map(|shown| edges_of(search, adjustment, observed, shown)).collect()
+}
+
+/// Those of one control point: its place among the results, and its index.
+pub(super) fn edges_of(
+    search: &Search,
+    adjustment: &Adjustment,
+    observed: &[ObservedSegment],
+    (place, index): (usize, usize),
+) -> Vec<EdgeResult> {
+    let control_point = &search.control[index];
+    let outline = outline_px(search.camera, &adjustment.orientation, control_point).into_iter();
+    let mut results: Vec<EdgeResult> =
+        outline.map(|projected_px| EdgeResult { control_point: place, projected_px, matched_px: Vec::new() }).collect();
+    let building = adjustment.buildings.iter().zip(&adjustment.kept).find(|(b, _)| b.control_point == index);
+    let edges = edges_on_frame_px(search.camera, &adjustment.orientation, control_point);
+    for (number, edge) in edges.iter().enumerate() {
+        let Some(edge) = edge else { continue };
+        results.push(EdgeResult {
             control_point: place,
-            projected_px,
-            matched_px: Vec::new(),
+            projected_px: in_file(search.camera, edge),
+            matched_px: building.map_or(Vec::new(), |(b, kept)| pieces(b, kept, number, observed)),
         });
-        results.extend(outline);
-        let building = adjustment.buildings.iter().zip(&adjustment.kept).find(|(b, _)| b.control_point == index);
-        let edges = edges_on_frame_px(search.camera, &adjustment.orientation, control_point);
-        for (number, edge) in edges.iter().enumerate() {
-            let Some(edge) = edge else { continue };
-            results.push(EdgeResult {
-                control_point: place,
-                projected_px: in_file(search.camera, edge),
-                matched_px: building.map_or(Vec::new(), |(b, kept)| pieces(b, kept, number, observed)),
-            });
-        }
     }
     results
 }

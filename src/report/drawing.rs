@@ -61,8 +61,8 @@ pub struct SearchRegion {
 
 impl From<Ellipse> for SearchRegion {
     fn from(ellipse: Ellipse) -> Self {
-        let Ellipse { centre_px, semi_axes_px, angle_rad } = ellipse;
-        Self { centre_px: centre_px.into(), semi_axes_px, angle_deg: angle_rad.to_degrees() }
+        let Ellipse { centre, semi_axes, angle_rad } = ellipse;
+        Self { centre_px: centre.into(), semi_axes_px: semi_axes, angle_deg: angle_rad.to_degrees() }
     }
 }
 
@@ -156,6 +156,14 @@ impl Drawing {
             tolerance_m: outcome.evidence.as_ref().map(|evidence| evidence.tolerance_m),
             map: Some(map::map(outcome, control, frame, approximation)?),
         })
+    }
+
+    /// As it was kept.
+    ///
+    /// # Errors
+    /// If it was not, or is none.
+    pub fn kept(text: Option<&str>) -> Result<Self, serde_json::Error> {
+        serde_json::from_str(text.unwrap_or_default())
     }
 
     /// On the ground: GeoJSON. `None` in a drawing of an older version.

@@ -1,13 +1,13 @@
 //! What an orientation looks like on the ground: a GeoJSON FeatureCollection (RFC 7946, longitude and latitude on WGS 84
 //! with ellipsoidal heights), each feature with its `role`.
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, Rotation2, Vector2, Vector3};
 use serde_json::{Value, json};
 
 use super::position::Position;
-use crate::geometry::{Crs, CrsError, LocalFrame};
+use crate::geometry::{Crs, CrsError, LocalFrame, Segment3};
 use crate::orientation::ControlPoint;
-use crate::pipeline::{Ellipse, Outcome};
+use crate::pipeline::{ControlPointResult, Ellipse, GroundPrecision, Outcome};
 
 /// Of the ellipse around the projection centre.
 const ELLIPSE_SIGMAS: f64 = 3.0;
@@ -75,9 +75,9 @@ impl Sheet<'_> {
     }
 
     fn control_points(&self, outcome: &Outcome, control: &[ControlPoint]) -> Vec<Value> {
-        let of_one = |point: &crate::pipeline::ControlPointResult| {
+        let of_one = |point: &ControlPointResult| {
             let known = control.iter().find(|known| known.name == point.name)?;
-            let line = |edge: &crate::geometry::Segment3| Some([self.position(edge.start)?, self.position(edge.end)?]);
+            let line = |edge: &Segment3| Some([self.position(edge.start)?, self.position(edge.end)?]);
             let lines: Vec<_> = known.edges_m.iter().filter_map(line).collect();
             let geometry = if lines.is_empty() {
                 json!({"type": "Point", "coordinates": self.position(known.reference_m)?})
@@ -92,7 +92,7 @@ impl Sheet<'_> {
 
     fn grid(&self, outcome: &Outcome) -> Vec<Value> {
         let tolerance_m = outcome.evidence.as_ref().map(|evidence| evidence.tolerance_m);
-        let of_one = |point: &crate::pipeline::GroundPrecision| {
+        let of_one = |point: &GroundPrecision| {
             let geometry = json!({"type": "Point", "coordinates": self.position(point.ground_m)?});
             let properties = json!({
                 "image_px": [point.image_px.x, point.image_px.y],
@@ -118,14 +118,13 @@ impl Sheet<'_> {
         ellipse.into_iter().chain([centre]).collect()
     }
 
-    /// Here x and y are east and north.
     fn error_ellipse(&self, ellipse: &Ellipse, height_m: f64, extent_m: f64) -> Option<Value> {
-        let Ellipse { centre_px: centre_m, semi_axes_px: [longer_m, shorter_m], angle_rad } = *ellipse;
+        let Ellipse { centre: centre_m, semi_axes: [longer_m, shorter_m], angle_rad } = *ellipse;
         let magnification = round_number(ELLIPSE_SHARE * extent_m / longer_m).max(1.0);
         let corner = |k: usize| {
             let (sine, cosine) = (std::f64::consts::TAU * k as f64 / ELLIPSE_CORNERS as f64).sin_cos();
             let on_axes = Vector2::new(longer_m * cosine, shorter_m * sine) * magnification;
-            (centre_m + nalgebra::Rotation2::new(angle_rad) * on_axes).push(height_m)
+            (centre_m + Rotation2::new(angle_rad) * on_axes).push(height_m)
         };
         let ring = self.ring(&(0..ELLIPSE_CORNERS).map(corner).collect::<Vec<_>>())?;
         let properties = json!({"magnification": magnification, "sigmas": ELLIPSE_SIGMAS});

@@ -11,7 +11,7 @@ use axum::extract::Path;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
-use rust_embed::{EmbeddedFile, RustEmbed};
+use rust_embed::RustEmbed;
 use sha2::{Digest as _, Sha256};
 
 /// Where pages are; the shell finds out by itself which one is wanted.
@@ -82,8 +82,7 @@ async fn asset(Path((version, path)): Path<(String, String)>) -> Response {
     let mut headers = HeaderMap::new();
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(kept));
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(media_type(&path)));
-    let EmbeddedFile { data, .. } = file;
-    (headers, data.into_owned()).into_response()
+    (headers, file.data).into_response()
 }
 
 fn media_type(path: &str) -> &'static str {

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 use uuid::Uuid;
 
-use super::imagery_problem;
+use super::{found, imagery_problem};
 use crate::features::PixelRect;
 use crate::http::extract::{Path, Query};
 use crate::http::openapi::Binary;
@@ -15,7 +15,6 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::imagery::ImageryError;
 use crate::jobs::pictures::LookError;
-use crate::store::images::Image;
 
 /// The longest side of a window.
 const WINDOW_SIDE_MAX_PX: u32 = 2048;
@@ -133,10 +132,6 @@ pub(super) async fn window(
     let image = found(&state, id).await?;
     let rect = query.within([image.header.width_px, image.header.height_px])?;
     Ok(shown(state.pictures.window(&image, rect).await?))
-}
-
-async fn found(state: &AppState, id: Uuid) -> Result<Image, Problem> {
-    state.store.image(id).await?.ok_or_else(|| Problem::not_found("There is no image with this id."))
 }
 
 /// The bytes of an image never change.

@@ -72,7 +72,7 @@ pub(super) async fn succeeded(state: &AppState, id: Uuid) -> Result<Orientation,
 }
 
 fn kept(orientation: &Orientation) -> Result<Drawing, Problem> {
-    serde_json::from_str(orientation.drawing.as_deref().unwrap_or_default()).map_err(|error| Problem::internal(&error))
+    Drawing::kept(orientation.drawing.as_deref()).map_err(|error| Problem::internal(&error))
 }
 
 /// The image of an orientation; its file may have been removed.

@@ -9,7 +9,7 @@ use serde_json::value::RawValue;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::drawing::succeeded;
+use super::drawing::{drawn_image, succeeded};
 use super::trials::{CorrectionRequest, tried};
 use super::{found, missing};
 use crate::classifiers::Record;
@@ -135,7 +135,8 @@ pub(super) async fn create(
             )
         }
         Some(correction) => {
-            let tried = tried(&state, &orientation, &correction, "/correction").await?;
+            let image = drawn_image(&state, &orientation).await?;
+            let tried = tried(&state, &orientation, &image, (&correction, "/correction")).await?;
             let json = |value: Result<String, serde_json::Error>| value.map_err(|error| unreadable(&error));
             let corrected = Corrected {
                 correction: json(serde_json::to_string(&correction))?,

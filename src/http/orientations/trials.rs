@@ -15,7 +15,7 @@ use crate::http::state::AppState;
 use crate::jobs::desks::{DeskError, Tried};
 use crate::pipeline::desk::{Correction, Neighbourhood};
 use crate::report::OrientationResult;
-use crate::report::drawing::ImageDrawing;
+use crate::report::drawing::{DrawnImage, ImageDrawing};
 use crate::store::orientations::Orientation;
 
 /// Control points in one correction.
@@ -111,7 +111,7 @@ pub(super) async fn attempt(
 ) -> Result<axum::Json<impl Serialize>, Problem> {
     let orientation = succeeded(&state, id).await?;
     let image = drawn_image(&state, &orientation).await?;
-    let tried = tried(&state, &orientation, &request, "").await?;
+    let tried = tried(&state, &orientation, &image, (&request, "")).await?;
     let map = tried.oriented.drawing.map().map(|map| RawValue::from_string(map.to_string())).transpose();
     Ok(axum::Json(TrialAnswer {
         drawing: tried.oriented.drawing.on(image),
@@ -121,14 +121,13 @@ pub(super) async fn attempt(
     }))
 }
 
-/// A correction of an orientation whose image is there; `pointer` is where it stands in the request.
+/// A correction of an orientation, with where it stands in the request.
 pub(super) async fn tried(
     state: &AppState,
     orientation: &Orientation,
-    request: &CorrectionRequest,
-    pointer: &str,
+    image: &DrawnImage,
+    (request, pointer): (&CorrectionRequest, &str),
 ) -> Result<Tried, Problem> {
-    let image = drawn_image(state, orientation).await?;
     let correction = request.checked([image.width_px, image.height_px], pointer)?;
     state.jobs.corrected(orientation, correction).await.map_err(|error| match error {
         DeskError::UnknownControlPoint { .. } => Problem::invalid_field(pointer, error.to_string()),
