@@ -64,7 +64,8 @@ fn bound(configuration: &Configuration) -> anyhow::Result<()> {
     let most = configuration.worker_memory_max_bytes;
     if most > 0 {
         let limit = Rlimit { current: Some(most), maximum: Some(most) };
-        setrlimit(Resource::As, limit).context("the memory of the worker cannot be limited")?;
+        // not the address space, of which the allocator reserves 64 MiB for every thread without using it
+        setrlimit(Resource::Data, limit).context("the memory of the worker cannot be limited")?;
     }
     if let Err(error) = std::fs::write("/proc/self/oom_score_adj", "500") {
         tracing::debug!(%error, "the worker is not the first to go where memory runs out");

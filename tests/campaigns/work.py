@@ -144,7 +144,7 @@ def poison(figures, long):
         def run(with_poison):
             # so little memory that the large picture cannot be decoded
             service = Service(path / f"data-{with_poison}", "--workers", "2", environment={
-                "GABLE_WORKER_MEMORY_MAX_BYTES": "700000000", "GABLE_WORKER_THREADS": "1", "GABLE_IMAGE_MAX_WHOLE_PIXELS": "400000000",
+                "GABLE_WORKER_MEMORY_MAX_BYTES": "300000000", "GABLE_WORKER_THREADS": "1", "GABLE_IMAGE_MAX_WHOLE_PIXELS": "400000000",
                 "GABLE_IMAGE_MAX_DECODE_BYTES": "4000000000"})
             image = town.put(service)
             bad = None
