@@ -35,6 +35,10 @@ pub mod control;
 
 pub mod flight;
 
+pub mod exports;
+
+pub mod orthos;
+
 pub mod store;
 
 pub mod report;

@@ -47,6 +47,8 @@ const ROOMS: &[Room] = &[
     Room("database", &[]),
     Room("control", &["geometry", "scenes", "orientation", "pipeline", "database"]),
     Room("flight", &["geometry"]),
+    Room("exports", &["geometry"]),
+    Room("orthos", &["features"]),
     Room("store", &["geometry", "database"]),
     Room("report", &["geometry", "features", "orientation", "diagnosis", "interior", "pipeline", "classifiers"]),
     Room(
@@ -67,6 +69,7 @@ const ROOMS: &[Room] = &[
             "database",
             "control",
             "store",
+            "exports",
             "report",
         ],
     ),
@@ -77,6 +80,7 @@ const ROOMS: &[Room] = &[
         "http",
         &[
             "web",
+            "exports",
             "geometry",
             "features",
             "scenes",

@@ -9,12 +9,14 @@ mod dataset;
 mod demo;
 mod doctor;
 mod evaluate;
+mod export;
 mod import;
 mod interior;
 mod key;
 mod migrate;
 mod openapi;
 mod orient;
+mod ortho;
 mod scan;
 mod scene;
 mod scenes;
@@ -62,6 +64,8 @@ enum Command {
     Block(block::BlockCommand),
     Orient(Box<orient::Orient>),
     Interior(interior::Interior),
+    Export(export::Export),
+    Ortho(ortho::Ortho),
     Scene(scene::SceneCommand),
     Simulate(simulate::Simulate),
     Evaluate(evaluate::Evaluate),
@@ -89,6 +93,8 @@ impl Command {
             Self::Block(command) => command.run().await,
             Self::Orient(command) => command.run().await,
             Self::Interior(command) => command.run().await,
+            Self::Export(command) => command.run().await,
+            Self::Ortho(command) => command.run().await,
             Self::Scene(command) => command.run().await,
             Self::Simulate(command) => command.run().await,
             Self::Evaluate(command) => command.run().await,

@@ -13,6 +13,7 @@ pub mod cameras;
 pub mod classifiers;
 pub mod control_points;
 pub mod control_scenes;
+pub mod exports;
 pub mod extract;
 pub mod health;
 pub mod idempotency;
@@ -60,6 +61,7 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(images::routes())
         .merge(uploads::routes())
         .merge(blocks::routes())
+        .merge(exports::routes())
         .merge(control_points::routes())
         .merge(control_scenes::routes())
         .merge(interior_orientations::routes())

@@ -12,6 +12,7 @@ pub mod camera_model;
 pub mod crew;
 pub mod desks;
 pub mod drift;
+pub mod exports;
 mod feed;
 pub mod film_camera;
 pub mod interior;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, Vector2, Vector3};
 use serde_json::{Value, json};
 
 use super::photograph::Photograph;
@@ -14,6 +14,11 @@ use crate::geometry::{Brown, LocalFrame, rotation};
 
 /// The picture's name in a scene's folder.
 pub const PHOTOGRAPH_FILE: &str = "photograph.png";
+
+/// Side of a cell of the grid of the ground.
+const TERRAIN_CELL_M: f64 = 4.0;
+/// How far the grid reaches to all sides, in flying heights.
+const TERRAIN_REACH: f64 = 1.6;
 
 impl Scene {
     /// The CRS of all coordinates of the scene: a topocentric frame.
@@ -114,8 +119,30 @@ impl Scene {
         })
     }
 
+    /// The ground without its houses as a grid of Esri's text format, in the frame's metres, all around what is in view.
+    #[must_use]
+    pub fn terrain_grid(&self) -> String {
+        let centre_m = self.true_orientation.projection_centre_m;
+        let reach_m = TERRAIN_REACH * (centre_m.z - self.ground_height_m()) / TERRAIN_CELL_M;
+        let half = reach_m.ceil() * TERRAIN_CELL_M;
+        let cells = (2.0 * half / TERRAIN_CELL_M) as usize;
+        let (west, south) = (centre_m.x.floor() - half, centre_m.y.floor() - half);
+        let mut text = format!(
+            "ncols {cells}\nnrows {cells}\nxllcorner {west}\nyllcorner {south}\ncellsize {TERRAIN_CELL_M}\nNODATA_value -9999\n"
+        );
+        for row in (0..cells).rev() {
+            let height = |column: usize| {
+                let middle = Vector2::new(column as f64 + 0.5, row as f64 + 0.5) * TERRAIN_CELL_M;
+                format!("{:.3}", self.town.terrain.height_m(Vector2::new(west, south) + middle))
+            };
+            text.push_str(&(0..cells).map(height).collect::<Vec<_>>().join(" "));
+            text.push('\n');
+        }
+        text
+    }
+
     /// Takes the photograph and writes the scene into a folder that exists: `photograph.png`, `camera.json`,
-    /// `control_points.geojson`, `approximation.json` and `truth.json`.
+    /// `control_points.geojson`, `approximation.json`, `terrain.asc` and `truth.json`.
     ///
     /// # Errors
     /// [`SimulationError::Write`] names the file that could not be written.
@@ -134,6 +161,7 @@ impl Scene {
         to_file("camera.json", text(camera))?;
         to_file("control_points.geojson", text(&self.control_points_body()))?;
         to_file("approximation.json", text(&self.approximation_body()))?;
+        to_file("terrain.asc", self.terrain_grid().into_bytes())?;
         to_file("truth.json", text(truth))
     }
 }

@@ -10,6 +10,7 @@ pub mod audit;
 pub mod blocks;
 pub mod cameras;
 pub mod classifiers;
+pub mod exported;
 pub mod idempotency;
 pub mod images;
 pub mod interior_orientations;
