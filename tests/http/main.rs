@@ -17,6 +17,7 @@ mod control_scenes;
 mod crash;
 mod database;
 mod diagnosis;
+mod exports;
 mod film;
 mod film_cameras;
 mod idempotency;

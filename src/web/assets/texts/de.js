@@ -94,6 +94,8 @@ export default {
     ground: 'Vorhergesagte Genauigkeit am Boden', ground_tolerance: 'Toleranz {tolerance} m, die Marke in der Mitte jedes Balkens.', ground_no_tolerance: 'Die Toleranz ist nicht bekannt.',
     ground_over: 'über der Toleranz:', ground_over_count: '{over} von {all} Orten darüber', ground_all_within: 'Alle Orte eingehalten', ground_before: 'war {sigma}', ground_look: 'Diesen Ort im Bild zeigen', no_ground: 'Über das Gelände ist nichts bekannt.',
     map: 'Karte', map_footprint: 'Bildgrundriss', map_projection_centre: 'Projektionszentrum', map_error_ellipse: 'Fehlerellipse (3 Sigma, ×{magnification})', map_approximation: 'Näherung', map_control_point: 'Passpunkte', map_grid_point: 'Gitterpunkte',
+    exports: 'Für andere Programme',
+    exports_why: 'Im Bezugssystem des Ergebnisses; für ein anderes &crs=EPSG:25832 an die Adresse hängen. Das Manifest hat fünf Prüfpunkte, mit denen jeder Import zu prüfen ist.',
     files: 'Dateien', overlay: 'Überlagerung (JPEG)', json: 'Ergebnis (JSON)', geojson: 'Karte (GeoJSON)', image_json: 'Bild (JSON)',
     progress: 'Fortschritt', cancel: 'Abbrechen', cancel_text: 'Was bisher gerechnet wurde, geht verloren.', cancel_yes: 'Orientierung abbrechen', was_cancelled: 'Jemand hat sie abgebrochen.', again: 'Erneut hochladen oder orientieren',
     correcting: 'Verbessern von Hand', becomes: 'wird', centre_moved: 'Zentrum verschoben um', largest_sigma: 'Größtes Sigma am Boden', undo: 'Rückgängig', redo: 'Wiederholen', reset: 'Zurücksetzen', stop: 'Verlassen', save: 'Speichern',

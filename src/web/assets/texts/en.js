@@ -94,6 +94,8 @@ export default {
     ground: 'Predicted precision on the ground', ground_tolerance: 'Tolerance {tolerance} m, the mark in the middle of each bar.', ground_no_tolerance: 'The tolerance is not known.',
     ground_over: 'over the tolerance:', ground_over_count: '{over} of {all} places over it', ground_all_within: 'All places within it', ground_before: 'was {sigma}', ground_look: 'Show this place in the image', no_ground: 'Nothing is known of the ground.',
     map: 'Map', map_footprint: 'Footprint', map_projection_centre: 'Projection centre', map_error_ellipse: 'Error ellipse (3 sigma, ×{magnification})', map_approximation: 'Approximation', map_control_point: 'Control', map_grid_point: 'Grid points',
+    exports: 'For other software',
+    exports_why: 'In the CRS of the result; add &crs=EPSG:25832 to the address for another one. The manifest has five check points to verify every import.',
     files: 'Files', overlay: 'Overlay (JPEG)', json: 'Result (JSON)', geojson: 'Map (GeoJSON)', image_json: 'Image (JSON)',
     progress: 'Progress', cancel: 'Cancel', cancel_text: 'The work done so far is lost.', cancel_yes: 'Cancel the orientation', was_cancelled: 'Somebody has cancelled it.', again: 'Upload or orient again',
     correcting: 'Correcting by hand', becomes: 'becomes', centre_moved: 'Centre moved by', largest_sigma: 'Largest ground sigma', undo: 'Undo', redo: 'Redo', reset: 'Reset', stop: 'Leave', save: 'Save',
