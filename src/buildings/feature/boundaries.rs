@@ -24,8 +24,7 @@ impl Boundaries {
         let mut all = Self { depth, ..Self::default() };
         all.indices.reserve(text.len() / 4);
         let mut level = 0;
-        let mut tokens = Tokens(text.as_bytes());
-        while let Some(token) = tokens.next() {
+        for token in Tokens(text.as_bytes()) {
             match token {
                 Token::Open => level += 1,
                 Token::Close => {
@@ -102,8 +101,7 @@ impl Boundaries {
         let leaf = self.depth - 2;
         let mut values = Vec::with_capacity(self.surfaces.len());
         let (mut level, mut shell, mut solid) = (0, 0, 0);
-        let mut tokens = Tokens(text.as_bytes());
-        while let Some(token) = tokens.next() {
+        for token in Tokens(text.as_bytes()) {
             match token {
                 Token::Open => level += 1,
                 Token::Close => {

@@ -201,7 +201,7 @@ fn a_roof_that_was_made_to_take_time_is_refused() {
     let mut ring: Vec<Point> = Vec::new();
     for at in 0..3_000 {
         let at = f64::from(at) * 0.1;
-        ring.push([0.531 * at, -0.798 * at, if ring.len() % 2 == 0 { 0.0 } else { 0.01 }]);
+        ring.push([0.531 * at, -0.798 * at, if ring.len().is_multiple_of(2) { 0.0 } else { 0.01 }]);
     }
     ring.push([9.0, 9.0, 9.0]);
     let surfaces = surfaces(&[&[&ring]]);

@@ -8,6 +8,21 @@ use super::{Sample, SampleBuilding, Town};
 /// Where the integers of the file begin.
 const TRANSLATE: [f64; 3] = [80_000.0, 430_000.0, 0.0];
 
+/// What 3DBAG tells of every building, and no reader of roofs needs.
+const ATTRIBUTES: &str = concat!(
+    r#""status":"Pand in gebruik","oorspronkelijkbouwjaar":1972,"documentdatum":"2014-03-19","#,
+    r#""documentnummer":"INT2014-0319","eindgeldigheid":null,"eindregistratie":null,"geconstateerd":false,"#,
+    r#""tijdstipregistratie":"2014-03-20T10:12:43","voorkomenidentificatie":1,"b3_bag_bag_overlap":0.0,"b3_dak_type":"slanted","#,
+    r#""b3_extrusie":"standard","b3_h_maaiveld":1.2479999,"b3_h_dak_50p":7.518,"b3_h_dak_70p":8.431,"b3_h_dak_max":9.874,"#,
+    r#""b3_h_dak_min":4.112,"b3_kas_warenhuis":false,"b3_kwaliteitsindicator":true,"b3_mutatie_ahn3_ahn4":false,"#,
+    r#""b3_nodata_fractie_ahn3":0.0193,"b3_nodata_fractie_ahn4":0.0088,"b3_nodata_radius_ahn3":0.7071,"b3_opp_buitenmuur":143.22,"#,
+    r#""b3_opp_dak_plat":0.0,"b3_opp_dak_schuin":98.51,"b3_opp_grond":77.62,"b3_opp_scheidingsmuur":51.09,"b3_pw_bron":"AHN4","#,
+    r#""b3_pw_datum":2020,"b3_pw_selectie_reden":"PREFERRED_AND_LATEST","b3_puntdichtheid_ahn3":10.81,"b3_rmse_lod12":2.071,"#,
+    r#""b3_rmse_lod13":1.934,"b3_rmse_lod22":0.0402,"b3_reconstructie_onvolledig":false,"b3_val3dity_lod12":"[]","#,
+    r#""b3_val3dity_lod13":"[]","b3_val3dity_lod22":"[]","b3_volume_lod12":512.43,"b3_volume_lod13":509.06,"#,
+    r#""b3_volume_lod22":488.17"#,
+);
+
 /// The vertices of a house, each once.
 #[derive(Default)]
 struct Vertices(Vec<[i64; 3]>);
@@ -100,10 +115,8 @@ fn write_objects(sample: Sample, number: u64, house: &House, before: usize, out:
     let footprints: Vec<String> = house.bodies.iter().map(|body| ring(&body.ground)).collect();
     write!(
         out,
-        "\"{name}\":{{\"type\":\"Building\",\"attributes\":{{\"identificatie\":\"{name}\",\"status\":\"Pand in gebruik\",\
-         \"oorspronkelijkbouwjaar\":1972,\"b3_dak_type\":\"slanted\",\"b3_h_maaiveld\":1.25,\"b3_rmse_lod22\":0.04,\
-         \"b3_volume_lod22\":512.4,\"b3_kas_warenhuis\":false,\"eindgeldigheid\":null}},\"geometry\":[{{\"type\":\
-         \"MultiSurface\",\"lod\":\"0\",\"boundaries\":[{}]}}],\"children\":[{}]}}",
+        "\"{name}\":{{\"type\":\"Building\",\"attributes\":{{\"identificatie\":\"{name}\",{ATTRIBUTES}}},\"geometry\":[{{\
+         \"type\":\"MultiSurface\",\"lod\":\"0\",\"boundaries\":[{}]}}],\"children\":[{}]}}",
         footprints.join(","),
         children.join(",")
     )?;
