@@ -20,10 +20,10 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format of a file that begins with `first`, of which a few hundred bytes should be given, and whose name may
-    /// be known; `None` if it is none of them, compressed, or not in UTF-8.
+    /// The format of a file that begins with `first` and whose name may be known; `None` if it is none of them, compressed, or not in UTF-8.
     ///
-    /// What the file holds goes before what it is called.
+    /// What the file holds goes before what it is called. A sequence without its name is known by its second line, so
+    /// that as much should be given as there is at hand, at best 64 kB.
     #[must_use]
     pub fn recognise(first: &[u8], name: Option<&str>) -> Option<Self> {
         let text = first.strip_prefix(b"\xef\xbb\xbf").unwrap_or(first).trim_ascii_start();

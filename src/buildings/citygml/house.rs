@@ -294,37 +294,47 @@ impl House {
         for roof in &self.roofs {
             best_of[roof.owner] = best_of[roof.owner].max(Some(roof.lod));
         }
-        let mut ids = HashMap::new();
+        let mut resolver = Resolver { house: self, surfaces, ids: HashMap::new(), references: 0, limits };
         for roof in &self.roofs {
             // a building that is there as a whole beside better parts is the same roof once more, generalised
             let generalised = roof.owner == 0 && of_parts.is_some_and(|of_parts| of_parts > roof.lod);
             if Some(roof.lod) == best_of[roof.owner] && !generalised {
-                self.resolve(roof.entries.clone(), surfaces, &mut ids, 0, limits)?;
+                resolver.resolve(roof.entries.clone(), 0)?;
             }
         }
         Ok(())
     }
+}
 
-    fn resolve<'a>(
-        &'a self,
-        entries: Range<usize>,
-        surfaces: &mut Surfaces,
-        ids: &mut HashMap<&'a str, Option<&'a Named>>,
-        steps: usize,
-        limits: &Limits,
-    ) -> Result<(), String> {
-        for entry in &self.entries[entries] {
+/// Follows references.
+struct Resolver<'a> {
+    house: &'a House,
+    surfaces: &'a mut Surfaces,
+    /// What has an identifier; `None` if several have it.
+    ids: HashMap<&'a str, Option<&'a Named>>,
+    /// How many references have been followed.
+    references: usize,
+    limits: &'a Limits,
+}
+
+impl<'a> Resolver<'a> {
+    /// Gathers the polygons of entries, and of those to which they refer; `steps` references lie before them.
+    fn resolve(&mut self, entries: Range<usize>, steps: usize) -> Result<(), String> {
+        for entry in &self.house.entries[entries] {
             match entry {
-                Entry::Polygon(polygon) => self.polygons.copy(*polygon, surfaces),
+                Entry::Polygon(polygon) => self.house.polygons.copy(*polygon, self.surfaces),
                 Entry::Reference(href) if steps == MOST_STEPS => {
                     return Err(format!("the reference \"{href}\" leads back to itself"));
                 }
                 Entry::Reference(href) => {
-                    let target = self.target(href, ids)?;
-                    self.resolve(target.entries.clone(), surfaces, ids, steps + 1, limits)?;
+                    let target = self.target(href)?;
+                    self.references += 1;
+                    self.resolve(target.entries.clone(), steps + 1)?;
                 }
             }
-            if surfaces.len() > limits.building_polygons || surfaces.points().len() > limits.building_vertices {
+            let points = self.surfaces.points().len();
+            let most = self.references.max(self.surfaces.len());
+            if most > self.limits.building_polygons || points > self.limits.building_vertices {
                 return Err("its references multiply its surfaces without end".to_owned());
             }
         }
@@ -332,10 +342,10 @@ impl House {
     }
 
     /// What an `xlink:href` points to.
-    fn target<'a>(&'a self, href: &str, ids: &mut HashMap<&'a str, Option<&'a Named>>) -> Result<&'a Named, String> {
-        if ids.is_empty() {
-            for named in &self.named {
-                ids.entry(&named.id).and_modify(|twice| *twice = None).or_insert(Some(named));
+    fn target(&mut self, href: &str) -> Result<&'a Named, String> {
+        if self.ids.is_empty() {
+            for named in &self.house.named {
+                self.ids.entry(&named.id).and_modify(|twice| *twice = None).or_insert(Some(named));
             }
         }
         let shown: String = href.chars().take(100).collect();
@@ -344,7 +354,7 @@ impl House {
                 "a roof surface refers to \"{shown}\"; only references within the file (\"#id\") are read"
             ));
         };
-        match ids.get(id) {
+        match self.ids.get(id) {
             Some(Some(named)) => Ok(named),
             Some(None) => Err(format!("a roof surface refers to \"{shown}\", of which there are several")),
             None => {

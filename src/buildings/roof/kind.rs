@@ -38,13 +38,15 @@ pub(super) fn pieces(net: &Net, sides: &mut [Side]) -> Vec<Piece> {
 /// of several that lie on each other.
 fn different_faces(net: &Net, group: &[Side], faces: &mut Vec<Side>) {
     faces.clear();
-    for side in group {
-        let meets_itself = group.iter().any(|other| other.face == side.face && other.forward != side.forward);
+    // sides of one face follow each other
+    for of_face in group.chunk_by(|a, b| a.face == b.face) {
+        let side = of_face[0];
+        let meets_itself = of_face.iter().any(|other| other.forward != side.forward);
         let lies_on = |other: &Side| {
             other.forward == side.forward && net.normal(other.face).dot(&net.normal(side.face)) > COPLANAR
         };
         if !meets_itself && !faces.iter().any(lies_on) {
-            faces.push(*side);
+            faces.push(side);
         }
     }
 }

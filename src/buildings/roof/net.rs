@@ -190,6 +190,8 @@ impl Net {
                 found.push((at, node));
             }
         }
+        // each is held in memory as a side of its own
+        work.spend(found.len() * 100)?;
         found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         Ok(())
     }

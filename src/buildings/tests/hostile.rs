@@ -210,6 +210,43 @@ fn references_in_circles_and_to_what_is_there_twice_are_refused() {
     says(&found[0], &["other.gml#m", "within the file"]);
 }
 
+/// As a billion laughs, with references: ten to each next, and nothing at the end.
+#[test]
+fn references_that_multiply_are_refused() {
+    let level = |at: u32| {
+        let next = format!("<gml:surfaceMember xlink:href=\"#l{}\"/>", at + 1).repeat(10);
+        format!(
+            "<gml:surfaceMember><gml:CompositeSurface gml:id=\"l{at}\">{next}</gml:CompositeSurface></gml:surfaceMember>"
+        )
+    };
+    let levels: String = (0..12).map(level).collect();
+    let end = "<gml:surfaceMember><gml:CompositeSurface gml:id=\"l12\"/></gml:surfaceMember>";
+    let text = gml("0 0 5 9 0 5 9 9 5 0 0 5").replacen(
+        "<gml:CompositeSurface>",
+        &format!("<gml:CompositeSurface>{levels}{end}"),
+        1,
+    );
+    let roof = text.find("RoofSurface").unwrap();
+    let (before, after) = text.split_at(roof);
+    let after = after.replacen("<gml:MultiSurface>", "<gml:MultiSurface><gml:surfaceMember xlink:href=\"#l0\"/>", 1);
+    says(&details(Format::CityGml, before.to_owned() + &after)[0], &["multiply"]);
+}
+
+/// Ten thousand long sides over ten thousand points: a hundred million pieces.
+#[test]
+fn a_comb_of_sides_does_not_fill_the_memory() {
+    let mut surfaces = roof::Surfaces::default();
+    for at in 0..10_000 {
+        for point in [[f64::from(at), 0.0, 5.0], [20_000.0 + f64::from(at), 0.0, 5.0], [0.0, 50.0 + f64::from(at), 9.0]]
+        {
+            surfaces.point(point);
+        }
+        surfaces.end_ring();
+        surfaces.end_polygon();
+    }
+    assert!(matches!(roof::edges(&surfaces, false), Err(error) if error.to_string().contains("too intricate")));
+}
+
 #[test]
 fn a_bad_line_of_a_sequence_loses_no_other() {
     let good = sample(Sample::CityJsonSeq, 3);
