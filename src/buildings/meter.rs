@@ -12,7 +12,8 @@ pub(super) struct Count(Rc<Counted>);
 struct Counted {
     lines: Cell<u64>,
     bytes: Cell<u64>,
-    allowance: Cell<u64>,
+    /// Up to which byte reading is allowed.
+    allowed: Cell<u64>,
     exhausted: Cell<bool>,
 }
 
@@ -29,13 +30,12 @@ impl Count {
 
     /// Allows so many bytes from here on.
     pub(super) fn allow(&self, bytes: u64) {
-        self.0.allowance.set(bytes);
+        self.0.allowed.set(self.bytes().saturating_add(bytes));
     }
 
     fn one(&self, byte: u8) {
         self.0.lines.set(self.0.lines.get() + u64::from(byte == b'\n'));
         self.0.bytes.set(self.0.bytes.get() + 1);
-        self.0.allowance.set(self.0.allowance.get().saturating_sub(1));
     }
 
     /// Whether more was asked for than was allowed.
@@ -94,12 +94,11 @@ impl<'a> Meter<'a> {
         let counted = &self.count.0;
         counted.lines.set(counted.lines.get() + lines as u64);
         counted.bytes.set(counted.bytes.get() + bytes as u64);
-        counted.allowance.set(counted.allowance.get().saturating_sub(bytes as u64));
         self.at += bytes;
     }
 
     fn check(&self) -> Result<()> {
-        if self.count.0.allowance.get() > 0 {
+        if self.count.0.bytes.get() < self.count.0.allowed.get() {
             return Ok(());
         }
         self.count.0.exhausted.set(true);
