@@ -44,6 +44,7 @@ const ROOMS: &[Room] = &[
         ],
     ),
     Room("imagery", &["features"]),
+    Room("geoids", &["geometry"]),
     Room("database", &[]),
     Room("control", &["geometry", "scenes", "orientation", "pipeline", "database"]),
     Room("flight", &["geometry"]),
