@@ -31,6 +31,8 @@ pub mod imagery;
 
 pub mod geoids;
 
+pub mod cameras;
+
 pub mod database;
 
 pub mod control;

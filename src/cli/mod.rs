@@ -4,6 +4,7 @@ mod account;
 mod audit;
 mod backup;
 mod block;
+mod camera;
 mod classifier;
 mod crs;
 mod dataset;
@@ -67,6 +68,7 @@ enum Command {
     Orient(Box<orient::Orient>),
     Interior(interior::Interior),
     Scene(scene::SceneCommand),
+    Camera(camera::CameraCommand),
     Crs(crs::CrsCommand),
     Simulate(simulate::Simulate),
     Evaluate(evaluate::Evaluate),
@@ -95,6 +97,7 @@ impl Command {
             Self::Orient(command) => command.run().await,
             Self::Interior(command) => command.run().await,
             Self::Scene(command) => command.run().await,
+            Self::Camera(command) => command.run(),
             Self::Crs(command) => command.run().await,
             Self::Simulate(command) => command.run().await,
             Self::Evaluate(command) => command.run().await,

@@ -324,7 +324,18 @@ impl Crs {
         geoid_undulation_m: Option<f64>,
     ) -> Result<[f64; 3], CrsError> {
         let undulation_m = self.checked_undulation_m(geoid_undulation_m)?;
-        let mut position = match &self.system {
+        let position = self.ellipsoidal_position(geocentric_m, undulation_m)?;
+        let Some(heights) = &self.heights else { return Ok(position) };
+        // down to where the height above the geoid would be an ellipsoidal one, as on the way there: the datum of DHDN,
+        // whose transformation depends on it, then sees the same
+        let place = self.ellipsoid().geodetic(geocentric_m);
+        let height_m = place.height_m - self.grid_undulation_m(heights, place)?;
+        self.ellipsoidal_position(self.ellipsoid().geocentric_m(Geodetic { height_m, ..place }), 0.0)
+    }
+
+    /// A position whose height is above the ellipsoid, or above a geoid that lies as high above it everywhere.
+    fn ellipsoidal_position(&self, geocentric_m: Vector3<f64>, undulation_m: f64) -> Result<[f64; 3], CrsError> {
+        let position = match &self.system {
             System::Topocentric(frame) => frame.from_geocentric(geocentric_m).into(),
             System::Geographic(ellipsoid) => {
                 let Geodetic { longitude_rad, latitude_rad, height_m } = ellipsoid.geodetic(geocentric_m);
@@ -337,9 +348,6 @@ impl Crs {
             }
         };
         self.check_position(position)?;
-        if let Some(heights) = &self.heights {
-            position[2] -= self.grid_undulation_m(heights, self.ellipsoid().geodetic(geocentric_m))?;
-        }
         Ok(position)
     }
 
