@@ -66,6 +66,7 @@ const ROOMS: &[Room] = &[
             "pipeline",
             "classifiers",
             "imagery",
+            "cameras",
             "database",
             "control",
             "store",

@@ -14,6 +14,7 @@ mod pix4d;
 #[cfg(test)]
 mod tests;
 mod text;
+pub mod usgs;
 mod xml;
 
 use std::fmt;
@@ -38,7 +39,10 @@ pub enum Format {
     Australis,
 }
 
-/// All formats with their names in the contract.
+/// The name in the contract of the reports of film cameras, which [`usgs`] reads.
+pub const USGS: &str = "usgs";
+
+/// The formats of digital cameras with their names in the contract.
 pub const FORMATS: [(&str, Format); 6] = [
     ("opencv", Format::OpenCv),
     ("colmap", Format::Colmap),
@@ -148,14 +152,17 @@ fn listed(names: &[String]) -> String {
 }
 
 fn format_names() -> String {
-    FORMATS.map(|(name, _)| name).join(", ")
+    FORMATS.map(|(name, _)| name).into_iter().chain([USGS]).collect::<Vec<_>>().join(", ")
 }
+
+/// What says whether a text is of a format.
+type Look = (fn(&str) -> bool, Format);
 
 impl Format {
     /// The format of a text, where it cannot be mistaken.
     #[must_use]
     pub fn detect(text: &str) -> Option<Self> {
-        let looks: [(fn(&str) -> bool, Self); 6] = [
+        let looks: [Look; 6] = [
             (opensfm::is_one, Self::OpenSfm),
             (pix4d::is_one, Self::Pix4d),
             (metashape::is_one, Self::Metashape),

@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use gable::cameras::conversion::WARN_PX;
-use gable::cameras::{CameraFileError, Conversion, Converted, FORMATS, Format, Given, Residual};
+use gable::cameras::{CameraFileError, Conversion, Converted, FORMATS, Format, Given, Residual, USGS, usgs};
 use gable::geometry::Brown;
+use gable::jobs::film_camera::FilmCameraRequest;
 use serde_json::json;
 
 use super::print;
@@ -40,9 +41,10 @@ enum Action {
 struct Convert {
     /// The calibration.
     file: PathBuf,
-    /// The program that wrote it: opencv, colmap, opensfm, metashape, pix4d, australis. [default: as it looks]
+    /// The program that wrote it: opencv, colmap, opensfm, metashape, pix4d, australis; or usgs, the text of a report of a
+    /// film camera. [default: as it looks]
     #[arg(long, value_name = "FORMAT", value_parser = format)]
-    format: Option<Format>,
+    format: Option<Wanted>,
     /// Name of the camera. [default: as the file calls it, else the name of the file]
     #[arg(long)]
     name: Option<String>,
@@ -55,6 +57,9 @@ struct Convert {
     /// Side of a pixel, where the file does not tell.
     #[arg(long, value_name = "MM")]
     pixel_size_mm: Option<f64>,
+    /// With --format usgs: what the fiducial marks look like, such as leica_rc30.
+    #[arg(long, value_name = "NAME")]
+    template: Option<String>,
     /// Print after the camera what is left between the two models over the image.
     #[arg(long)]
     report: bool,
@@ -72,8 +77,9 @@ impl Convert {
         let called = self.file.display().to_string();
         let text = std::fs::read(&self.file).with_context(|| format!("cannot read {called}"))?;
         let text = String::from_utf8_lossy(&text);
-        let format = match self.format.or_else(|| Format::detect(&text)) {
-            Some(format) => format,
+        let format = match self.format.or_else(|| Format::detect(&text).map(Wanted::Digital)) {
+            Some(Wanted::Digital(format)) => format,
+            Some(Wanted::Film) => return self.film(&text).context(called),
             None => return Err(CameraFileError::UnknownFormat).context(called),
         };
         let given = Given {
@@ -93,6 +99,24 @@ impl Convert {
         let name = self.name.or(name).or(of_file).unwrap_or_default();
         print(&described(&name, &conversion)?)?;
         if self.report { report(format, &conversion) } else { Ok(()) }
+    }
+}
+
+/// A format of digital cameras, or the reports of film cameras.
+#[derive(Debug, Clone, Copy)]
+enum Wanted {
+    Digital(Format),
+    Film,
+}
+
+impl Convert {
+    fn film(self, text: &str) -> anyhow::Result<()> {
+        let report = usgs::read(text)?;
+        let template = self.template.context("the report does not tell what its marks look like: give --template")?;
+        let name =
+            self.name.or_else(|| report.name.clone()).context("the report does not name its camera: give --name")?;
+        let request = FilmCameraRequest::of_report(name, &report, &template);
+        print(&serde_json::to_string_pretty(&request)?)
     }
 }
 
@@ -121,8 +145,12 @@ fn report(format: Format, conversion: &Conversion) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn format(text: &str) -> Result<Format, String> {
-    text.parse().map_err(|_| format!("it must be one of {}", FORMATS.map(|(name, _)| name).join(", ")))
+fn format(text: &str) -> Result<Wanted, String> {
+    if text.eq_ignore_ascii_case(USGS) {
+        return Ok(Wanted::Film);
+    }
+    let names = || format!("it must be one of {}, {USGS}", FORMATS.map(|(name, _)| name).join(", "));
+    text.parse().map(Wanted::Digital).map_err(|_| names())
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {

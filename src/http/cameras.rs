@@ -17,6 +17,7 @@ use super::idempotency::NewId;
 use super::page::{Page, PageQuery};
 use super::problem::Problem;
 use super::state::AppState;
+use crate::cameras;
 use crate::jobs::camera_model::uploaded_templates;
 use crate::store::cameras::{Added, Removed};
 use answer::CameraAnswer;
@@ -54,7 +55,8 @@ pub(super) fn check_name(pointer: &str, name: &str) -> Result<(), Problem> {
 /// same name with the same content again is answered with 200 and the camera that is there.
 ///
 /// With `format` the body is the calibration of another program, as text of any kind. The camera is fitted to it over the
-/// whole image, and `conversion` in the answer has what is left between the two.
+/// whole image, and `conversion` in the answer has what is left between the two. The report of a film camera is taken over
+/// as it is.
 #[utoipa::path(
     post, path = "/cameras", operation_id = "add_camera", tag = "cameras", request_body = CameraRequest,
     params(CalibrationQuery, ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
@@ -78,6 +80,13 @@ async fn create(
             let JsonText(body) = JsonText::from_request(request, &state).await?;
             let request = CameraRequest::parse(&body)?;
             check_name("/name", request.name())?;
+            (add(&state, id, &request).await?, None)
+        }
+        Some(format) if format.eq_ignore_ascii_case(cameras::USGS) => {
+            refuse_other_than_text(request.headers())?;
+            let Raw(body) = Raw::from_request(request, &state).await?;
+            let request = CameraRequest::Film(query.read_report(&body)?);
+            check_name("?name", request.name())?;
             (add(&state, id, &request).await?, None)
         }
         Some(format) => {

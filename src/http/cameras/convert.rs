@@ -6,17 +6,18 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::answer::CameraAnswer;
 use crate::cameras::conversion::WARN_PX;
-use crate::cameras::{CameraFileError, Conversion, Converted, Format, Given};
+use crate::cameras::{CameraFileError, Conversion, Converted, Format, Given, usgs};
 use crate::http::extract::media_type;
 use crate::http::problem::Problem;
+use crate::jobs::film_camera::FilmCameraRequest;
 
 /// How the body is to be read, if it is not the contract's own JSON.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct CalibrationQuery {
-    /// The program that wrote the body: `opencv`, `colmap`, `opensfm`, `metashape`, `pix4d` or `australis`; left out, the
-    /// body is the JSON of this contract.
+    /// The program that wrote the body: `opencv`, `colmap`, `opensfm`, `metashape`, `pix4d`, `australis`, or `usgs` for the
+    /// text of a calibration report of a film camera; left out, the body is the JSON of this contract.
     #[param(example = "opencv", min_length = 1)]
     pub(super) format: Option<String>,
     /// With `format`: name of the camera. Default: as the file calls it.
@@ -31,6 +32,9 @@ pub(super) struct CalibrationQuery {
     /// With `format`: side of a pixel, where the file does not tell.
     #[param(exclusive_minimum = 0.0)]
     pixel_size_mm: Option<f64>,
+    /// With `usgs`: what the fiducial marks look like, as in `fiducials`; the report does not tell.
+    #[param(example = "leica_rc30", min_length = 1)]
+    template: Option<String>,
 }
 
 /// A camera that was added, and how well it does what its calibration says.
@@ -78,10 +82,8 @@ impl CalibrationQuery {
     /// 415 for pictures and the like, 422 where the body is no such calibration or lacks what is not given beside it.
     pub(super) fn read(&self, format: &str, body: &[u8]) -> Result<(String, Conversion, ConversionAnswer), Problem> {
         let format: Format = format.parse().map_err(|error: CameraFileError| of_fault(&error))?;
-        let text = std::str::from_utf8(body)
-            .map_err(|error| Problem::invalid(format!("The calibration is no text in UTF-8: {error}.")))?;
         let given = Given {
-            text,
+            text: text(body)?,
             camera: self.camera.as_deref(),
             image_size_px: self.image_size()?,
             pixel_size_mm: self.pixel_size()?,
@@ -97,6 +99,22 @@ impl CalibrationQuery {
         Ok((name, conversion, answer))
     }
 
+    /// The film camera of a calibration report.
+    ///
+    /// # Errors
+    /// 422 where the body is no such report, or what it does not tell is not given beside it.
+    pub(super) fn read_report(&self, body: &[u8]) -> Result<FilmCameraRequest, Problem> {
+        let report = usgs::read(text(body)?).map_err(|error| of_fault(&error))?;
+        let missing =
+            |name: &str, what: &str| Problem::invalid_field(format!("?{name}"), format!("{what}: give {name}"));
+        let template = self.template.clone();
+        let template =
+            template.ok_or_else(|| missing("template", "the report does not tell what its marks look like"))?;
+        let name = self.name.clone().or_else(|| report.name.clone());
+        let name = name.ok_or_else(|| missing("name", "the report does not name its camera"))?;
+        Ok(FilmCameraRequest::of_report(name, &report, &template))
+    }
+
     /// Refuses what only tells something of a calibration where there is none.
     ///
     /// # Errors
@@ -107,6 +125,7 @@ impl CalibrationQuery {
             ("camera", self.camera.is_some()),
             ("image_size_px", self.image_size_px.is_some()),
             ("pixel_size_mm", self.pixel_size_mm.is_some()),
+            ("template", self.template.is_some()),
         ];
         match given.iter().find(|(_, given)| *given) {
             Some((name, _)) => Err(Problem::invalid_field(format!("?{name}"), "it belongs to a format; give that too")),
@@ -146,6 +165,11 @@ pub(super) fn refuse_other_than_text(headers: &HeaderMap) -> Result<(), Problem>
     let given = if kind.is_empty() { "none" } else { kind.as_str() };
     let wanted = "text/plain, application/json, application/xml or application/yaml";
     Err(Problem::unsupported_type(format!("Content-Type is {given}; a calibration is {wanted}")))
+}
+
+fn text(body: &[u8]) -> Result<&str, Problem> {
+    std::str::from_utf8(body)
+        .map_err(|error| Problem::invalid(format!("The calibration is no text in UTF-8: {error}.")))
 }
 
 fn answer(format: Format, conversion: &Conversion, warnings: Vec<String>) -> ConversionAnswer {
