@@ -40,6 +40,10 @@ pub struct Configuration {
     /// The data folder: database and pictures.
     #[schema(value_type = String)]
     pub data: PathBuf,
+    /// The folder with geoid grids for compound CRSs, GeoTIFF as https://cdn.proj.org/ has them, or GTX; if it is not
+    /// given, `geoids` in the data folder.
+    #[schema(value_type = Option<String>)]
+    pub geoid_folder: Option<PathBuf>,
     /// A PostgreSQL server, as in `postgres://user@host/gable`, in place of SQLite in the data folder.
     pub database_url: Option<String>,
     /// A bucket for the images, as in `s3://bucket/prefix`, in place of the data folder. Address, region and keys come from
@@ -157,6 +161,7 @@ impl Default for Configuration {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
             data: PathBuf::from("gable-data"),
+            geoid_folder: None,
             database_url: None,
             objects_url: None,
             log: String::from("info"),
@@ -314,6 +319,12 @@ impl Configuration {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             given => given,
         }
+    }
+
+    /// Where geoid grids are looked for.
+    #[must_use]
+    pub fn geoid_folder(&self) -> PathBuf {
+        self.geoid_folder.clone().unwrap_or_else(|| self.data.join("geoids"))
     }
 
     /// Where the store is.

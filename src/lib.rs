@@ -31,6 +31,10 @@ pub mod imagery;
 
 pub mod buildings;
 
+pub mod geoids;
+
+pub mod cameras;
+
 pub mod database;
 
 pub mod control;

@@ -8,6 +8,7 @@ use anyhow::bail;
 use clap::Args;
 use gable::configuration::Configuration;
 use gable::database::{Database, query};
+use gable::geoids::GeoidFolder;
 use gable::store::Store;
 use tokio::net::TcpListener;
 
@@ -70,6 +71,7 @@ impl Doctor {
             show(&configuration)?;
         }
         findings.tell("folder", folder(&configuration))?;
+        findings.tell("geoids", geoids(&configuration))?;
         let store = Store::connect(&configuration.place()).await;
         match &store {
             Ok(store) => {
@@ -133,6 +135,25 @@ fn folder(configuration: &Configuration) -> Result<String, String> {
     }
     let told = format!("{}: {:.1} GB free, synced in {synced:.1?}", folder.display(), free as f64 / 1e9);
     if synced > SYNC_MAX { Err(format!("{told}, which is slow: at most {SYNC_MAX:?} is good")) } else { Ok(told) }
+}
+
+/// None is no fault: who gives ellipsoidal heights needs none.
+fn geoids(configuration: &Configuration) -> Result<String, String> {
+    let folder = configuration.geoid_folder();
+    let found = GeoidFolder::new(&folder).found();
+    let faults: Vec<String> = found
+        .iter()
+        .filter_map(|found| Some(format!("{} cannot be used: {}", found.name, found.fault.as_ref()?)))
+        .collect();
+    if !faults.is_empty() {
+        return Err(format!("{}: {}", folder.display(), faults.join("; ")));
+    }
+    if found.is_empty() {
+        return Ok(format!("none in {}: compound CRSs are refused", folder.display()));
+    }
+    let told: Vec<String> =
+        found.iter().map(|found| format!("{} ({})", found.name, found.systems.join(", "))).collect();
+    Ok(format!("{}: {}", folder.display(), told.join(", ")))
 }
 
 fn sync_time(folder: &Path) -> std::io::Result<Duration> {

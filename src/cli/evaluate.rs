@@ -14,7 +14,7 @@ use gable::jobs::request::ControlChoice;
 use gable::learning::Costs;
 use gable::store::Store;
 
-use super::{print, sets};
+use super::{geoids_of_environment, install_geoids, print, sets};
 use oriented::Approximations;
 
 const EXAMPLES: &str = "\
@@ -102,6 +102,7 @@ impl Evaluate {
         if self.threshold.is_some_and(|threshold| !threshold.is_finite()) {
             bail!("--threshold must be a number");
         }
+        install_geoids(geoids_of_environment()?);
         let loaded = self.loaded().await?;
         tokio::task::spawn_blocking(move || self.obey(&loaded)).await?
     }

@@ -4,7 +4,9 @@ mod account;
 mod audit;
 mod backup;
 mod block;
+mod camera;
 mod classifier;
+mod crs;
 mod dataset;
 mod demo;
 mod doctor;
@@ -31,10 +33,13 @@ mod worker;
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use gable::configuration::{Configuration, ConfigurationError, LogFormat};
+use gable::geoids::GeoidFolder;
+use gable::geometry::geoid;
 use gable::service::ServiceError;
 use gable::store::Store;
 use gable::store::audit::NewEntry;
@@ -67,6 +72,8 @@ enum Command {
     Export(export::Export),
     Ortho(ortho::Ortho),
     Scene(scene::SceneCommand),
+    Camera(camera::CameraCommand),
+    Crs(crs::CrsCommand),
     Simulate(simulate::Simulate),
     Evaluate(evaluate::Evaluate),
     Train(train::Train),
@@ -96,6 +103,8 @@ impl Command {
             Self::Export(command) => command.run().await,
             Self::Ortho(command) => command.run().await,
             Self::Scene(command) => command.run().await,
+            Self::Camera(command) => command.run(),
+            Self::Crs(command) => command.run().await,
             Self::Simulate(command) => command.run().await,
             Self::Evaluate(command) => command.run().await,
             Self::Train(command) => command.run().await,
@@ -134,15 +143,30 @@ impl Settings {
         let places =
             [("data", data), ("database_url", self.database_url.clone()), ("objects_url", self.objects_url.clone())];
         let flags: Vec<_> = flags.iter().cloned().chain(places).filter_map(given).collect();
-        let environment = std::env::vars_os()
-            .filter_map(|(name, value)| Some((name.into_string().ok()?, value.to_string_lossy().into_owned())));
-        let (configuration, ignored) = Configuration::gather(self.config.as_deref(), environment, &flags)?;
+        let (configuration, ignored) = Configuration::gather(self.config.as_deref(), environment(), &flags)?;
         begin_log(&configuration)?;
+        install_geoids(configuration.geoid_folder());
         if !ignored.is_empty() {
             tracing::warn!(variables = ignored.join(" "), "these variables name no setting and are ignored");
         }
         Ok(configuration)
     }
+}
+
+fn environment() -> impl Iterator<Item = (String, String)> {
+    std::env::vars_os()
+        .filter_map(|(name, value)| Some((name.into_string().ok()?, value.to_string_lossy().into_owned())))
+}
+
+/// The folder of geoid grids of a command without settings: as file and environment say.
+fn geoids_of_environment() -> anyhow::Result<PathBuf> {
+    let file = std::env::var_os("GABLE_CONFIG").map(PathBuf::from);
+    Ok(Configuration::gather(file.as_deref(), environment(), &[])?.0.geoid_folder())
+}
+
+/// From now on compound systems find their grids here.
+fn install_geoids(folder: PathBuf) {
+    geoid::install(Arc::new(GeoidFolder::new(folder)));
 }
 
 fn begin_log(configuration: &Configuration) -> anyhow::Result<()> {

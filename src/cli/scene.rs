@@ -6,6 +6,8 @@ mod rectify;
 
 use clap::{Args, Subcommand};
 
+use super::{geoids_of_environment, install_geoids};
+
 const EXAMPLES: &str = "\
 Examples:
   gable scene rectify pole.jpg --camera fisheye.json --target target.json --crs EPSG:25832 \\
@@ -33,6 +35,7 @@ enum Action {
 
 impl SceneCommand {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
+        install_geoids(geoids_of_environment()?);
         let work = move || match self.action {
             Action::Rectify(command) => command.run(),
             Action::Cut(command) => command.run(),

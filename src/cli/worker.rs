@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, BufReader};
 use uuid::Uuid;
 
-use super::begin_log;
+use super::{begin_log, install_geoids};
 
 /// Orient images for the service that has started this
 #[derive(Debug, Args)]
@@ -49,6 +49,7 @@ impl Worker {
         let Order { worker, configuration } =
             serde_json::from_str(&order).context("this is started by `gable serve` and `gable work`")?;
         begin_log(&configuration)?;
+        install_geoids(configuration.geoid_folder());
         bound(&configuration)?;
         let stop = stop_on_signals().context("signals cannot be caught")?;
         let store = Store::connect(&configuration.place()).await?;

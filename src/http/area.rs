@@ -59,11 +59,17 @@ pub(super) const DEFAULT_CRS: &str = "EPSG:4979";
 /// A CRS that is known, with an undulation that makes sense.
 pub(super) fn known_crs(given: &str, geoid_undulation_m: Option<f64>) -> Result<Crs, Problem> {
     let crs = Crs::parse(given).map_err(|error| Problem::invalid_field("?crs", error.to_string()))?;
-    if geoid_undulation_m.is_some_and(|undulation_m| !(-150.0..=150.0).contains(&undulation_m)) {
-        let detail = "geoid_undulation_m must be from -150 to 150 m";
-        return Err(Problem::invalid_field("?geoid_undulation_m", detail));
+    match crs.check_heights(geoid_undulation_m) {
+        Ok(()) => Ok(crs),
+        Err(CrsError::Undulation { .. }) => {
+            let detail = "geoid_undulation_m must be from -150 to 150 m";
+            Err(Problem::invalid_field("?geoid_undulation_m", detail))
+        }
+        Err(error @ CrsError::UndulationBesideCompound { .. }) => {
+            Err(Problem::invalid_field("?geoid_undulation_m", error.to_string()))
+        }
+        Err(error) => Err(Problem::invalid_field("?crs", error.to_string())),
     }
-    Ok(crs)
 }
 
 /// Where the next page begins, as the page before has told.
@@ -101,6 +107,7 @@ impl Rectangle {
 
     /// Its longitudes and latitudes, rather too many than too few.
     pub(super) fn region(&self, crs: &Crs) -> Result<GeodeticBox, Problem> {
+        let crs = crs.horizontal();
         let places = self
             .rim()
             .map(|[x, y]| Ok(longitude_latitude_deg(crs.geocentric_from_position([x, y, 0.0], None)?)))
@@ -115,6 +122,7 @@ impl Rectangle {
 
     /// Around all places of a part of the earth, in a CRS that reaches them; rather too large than too small.
     pub(super) fn around(region: GeodeticBox, crs: &Crs) -> Result<Self, Problem> {
+        let crs = crs.horizontal();
         let GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg } = region;
         let wgs84 = Self { min: [min_lon_deg, min_lat_deg], max: [max_lon_deg, max_lat_deg] };
         if crs.is_geographic() {

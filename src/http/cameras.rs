@@ -1,24 +1,27 @@
 //! Cameras.
 
 mod answer;
+mod convert;
 mod digital;
 mod request;
 
-use axum::extract::State;
+use axum::extract::{FromRequest as _, Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 use uuid::Uuid;
 
-use super::extract::{JsonText, Path, Query};
+use super::extract::{JsonText, Path, Query, Raw};
 use super::idempotency::NewId;
 use super::page::{Page, PageQuery};
 use super::problem::Problem;
 use super::state::AppState;
+use crate::cameras;
 use crate::jobs::camera_model::uploaded_templates;
 use crate::store::cameras::{Added, Removed};
 use answer::CameraAnswer;
+use convert::{AddedCameraAnswer, CalibrationQuery, refuse_other_than_text};
 pub use digital::DigitalCameraRequest;
 pub use request::CameraRequest;
 
@@ -50,12 +53,16 @@ pub(super) fn check_name(pointer: &str, name: &str) -> Result<(), Problem> {
 /// Digital or for film. A film camera gives millimetres in the plate and its fiducial marks instead of the size of its
 /// images; where its calibration report has distances between marks instead of their positions, these are adjusted. The
 /// same name with the same content again is answered with 200 and the camera that is there.
+///
+/// With `format` the body is the calibration of another program, as text of any kind. The camera is fitted to it over the
+/// whole image, and `conversion` in the answer has what is left between the two. The report of a film camera is taken over
+/// as it is.
 #[utoipa::path(
     post, path = "/cameras", operation_id = "add_camera", tag = "cameras", request_body = CameraRequest,
-    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
+    params(CalibrationQuery, ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
     responses(
-        (status = 201, description = "Added", body = CameraAnswer),
-        (status = 200, description = "It was there already, the same", body = CameraAnswer),
+        (status = 201, description = "Added", body = AddedCameraAnswer),
+        (status = 200, description = "It was there already, the same", body = AddedCameraAnswer),
         (status = 409, description = "The name belongs to a camera with other content", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "A field makes no sense", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
@@ -64,11 +71,33 @@ pub(super) fn check_name(pointer: &str, name: &str) -> Result<(), Problem> {
 async fn create(
     State(state): State<AppState>,
     NewId(id): NewId,
-    JsonText(body): JsonText,
+    Query(query): Query<CalibrationQuery>,
+    request: Request,
 ) -> Result<Response, Problem> {
-    let request = CameraRequest::parse(&body)?;
-    check_name("/name", request.name())?;
-    let (status, camera) = match add(&state, id, &request).await? {
+    let (added, conversion) = match &query.format {
+        None => {
+            query.refuse_without_format()?;
+            let JsonText(body) = JsonText::from_request(request, &state).await?;
+            let request = CameraRequest::parse(&body)?;
+            check_name("/name", request.name())?;
+            (add(&state, id, &request).await?, None)
+        }
+        Some(format) if format.eq_ignore_ascii_case(cameras::USGS) => {
+            refuse_other_than_text(request.headers())?;
+            let Raw(body) = Raw::from_request(request, &state).await?;
+            let request = CameraRequest::Film(query.read_report(&body)?);
+            check_name("?name", request.name())?;
+            (add(&state, id, &request).await?, None)
+        }
+        Some(format) => {
+            refuse_other_than_text(request.headers())?;
+            let Raw(body) = Raw::from_request(request, &state).await?;
+            let (name, conversion, answer) = query.read(format, &body)?;
+            check_name("?name", &name)?;
+            (state.store.add_camera(id, &name, &conversion.camera).await?, Some(answer))
+        }
+    };
+    let (status, camera) = match added {
         Added::New(camera) => (StatusCode::CREATED, camera),
         Added::Same(camera) => (StatusCode::OK, camera),
         Added::Different(camera) => {
@@ -81,7 +110,8 @@ async fn create(
         Added::TemplateGone => return Err(Problem::conflict("A template of the camera was deleted at this moment.")),
     };
     let location = format!("/api/v1/cameras/{}", camera.id);
-    Ok((status, [(header::LOCATION, location)], axum::Json(CameraAnswer::of(camera)?)).into_response())
+    let answer = AddedCameraAnswer { camera: CameraAnswer::of(camera)?, conversion };
+    Ok((status, [(header::LOCATION, location)], axum::Json(answer)).into_response())
 }
 
 async fn add(state: &AppState, id: Uuid, request: &CameraRequest) -> Result<Added, Problem> {

@@ -14,6 +14,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::cameras::usgs::FilmCalibration;
+use crate::geometry::Smac;
 use crate::interior::{Library, Mark};
 pub use convert::DefinitionError;
 
@@ -171,6 +173,47 @@ pub struct FilmDistortion {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = json!(null), max_items = 200)]
     pub distortion_um: Option<Vec<f64>>,
+}
+
+impl FilmCameraRequest {
+    /// The camera of a calibration report, whose marks all look like this template.
+    #[must_use]
+    pub fn of_report(name: String, report: &FilmCalibration, template: &str) -> Self {
+        let Smac { k, p } = report.distortion;
+        let ([k0, k1, k2, k3, k4], [p1, p2, p3, p4]) = (k.map(Some), p.map(Some));
+        let fiducial = |(name, position_mm): &(String, [f64; 2])| FiducialRequest {
+            name: name.clone(),
+            position_mm: *position_mm,
+            sigma_mm: None,
+            template: template.to_owned(),
+            rotation_deg: None,
+        };
+        Self {
+            name,
+            principal_distance_mm: report.principal_distance_mm,
+            principal_point_mm: report.principal_point_mm,
+            symmetry_point_mm: Some(report.symmetry_point_mm),
+            format_mm: None,
+            distortion: Some(FilmDistortion {
+                model: FilmModel::Smac,
+                k0,
+                k1,
+                k2,
+                k3,
+                k4,
+                p1,
+                p2,
+                p3,
+                p4,
+                radius_mm: None,
+                distortion_um: None,
+            }),
+            fiducials: report.marks.iter().map(fiducial).collect(),
+            fiducial_distances: None,
+            asymmetric_feature: None,
+            data_strip: None,
+        }
+    }
 }
 
 /// A side of the plate: `right` is towards positive x, `top` towards positive y.

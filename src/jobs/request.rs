@@ -319,7 +319,8 @@ impl OrientationRequest {
         let Some(name) = &self.output_crs else {
             return Some((used.position.crs.clone(), used.position.vertical));
         };
-        let crs = faults.check("/output_crs", Crs::parse(name).map_err(|e| e.to_string()))?;
+        let crs = Crs::parse(name).and_then(|crs| crs.check_heights(None).map(|()| crs));
+        let crs = faults.check("/output_crs", crs.map_err(|e| e.to_string()))?;
         let reaches = geocentric(used).and_then(|geocentric_m| crs.position_from_geocentric(geocentric_m, None));
         faults.check("/output_crs", reaches.map_err(|e| format!("the position does not lie in this CRS: {e}")))?;
         let warning = Warning::vertical_assumed_ellipsoidal(&crs.to_string());

@@ -1,5 +1,7 @@
 //! Cameras.
 
+use axum::body::Body;
+use axum::http::Request;
 use serde_json::json;
 
 use crate::support::{Service, camera};
@@ -75,4 +77,86 @@ async fn cameras_outlive_the_process() {
     let kept = reopened.camera("lasting").await.unwrap().unwrap();
     assert_eq!(made["id"], kept.id.to_string());
     assert_eq!(kept.digital().unwrap().distortion().unwrap().k1.to_bits(), (-0.01_f64).to_bits());
+}
+
+fn calibration(query: &str, kind: &str, text: &'static str) -> Request<Body> {
+    let post = Request::post(format!("/api/v1/cameras?{query}")).header("content-type", kind);
+    post.body(Body::from(text)).unwrap()
+}
+
+const OPENCV: &str = include_str!("../../src/cameras/tests/opencv.yaml");
+const COLMAP: &str = include_str!("../../src/cameras/tests/cameras.txt");
+const AUSTRALIS: &str = include_str!("../../src/cameras/tests/australis.txt");
+
+#[tokio::test]
+async fn a_calibration_of_another_program_becomes_a_camera_and_says_how_well() {
+    let service = Service::new().await;
+    let made = service.send(calibration("format=opencv&name=canon", "application/yaml", OPENCV)).await;
+    assert_eq!(made.status, 201);
+    let made = made.json();
+    // OpenCV counts pixels from the centre of the first one
+    assert_eq!(made["principal_point_px"], json!([2010.75, 1491.25]));
+    assert_eq!(made["distortion"]["b1_px"], 1.5);
+    assert_eq!(made["conversion"]["exact"], true);
+    assert!(made["conversion"]["max_px"].as_f64().unwrap() < 1e-6);
+    let mut shown = service.get("/api/v1/cameras/canon").await.json();
+    shown["conversion"] = made["conversion"].clone();
+    assert_eq!(shown, made);
+    let again = service.send(calibration("format=opencv&name=canon", "text/plain", OPENCV)).await;
+    assert_eq!(again.status, 200);
+
+    let fitted = service.send(calibration("format=australis&name=phase-one", "text/plain", AUSTRALIS)).await.json();
+    assert_eq!(fitted["conversion"]["exact"], false);
+    assert_eq!(fitted["conversion"]["residuals"].as_array().unwrap().len(), 117);
+    assert!(fitted["conversion"]["rms_px"].as_f64().unwrap() > 0.0);
+}
+
+#[tokio::test]
+async fn a_report_of_a_film_camera_becomes_one_with_its_marks() {
+    const REPORT: &str = include_str!("../../src/cameras/tests/usgs.txt");
+    let service = Service::new().await;
+    let made = service.send(calibration("format=usgs&template=wild_rc10", "text/plain", REPORT)).await;
+    assert_eq!(made.status, 201, "{:?}", made.body);
+    let made = made.json();
+    assert_eq!(made["name"], "Example Aviogon 153 4711");
+    assert_eq!(made["principal_point_mm"], json!([0.003, -0.001]));
+    assert_eq!(made["fiducials"].as_array().unwrap().len(), 8);
+    assert_eq!(made["distortion"]["k1"], 4.21e-9);
+    assert!(made.get("conversion").is_none());
+    let without = service.send(calibration("format=usgs", "text/plain", REPORT)).await;
+    assert_eq!(without.problem(422), ["?template"]);
+}
+
+#[tokio::test]
+async fn a_calibration_that_cannot_be_read_names_what_is_at_fault() {
+    let service = Service::new().await;
+    for (query, text, pointers) in [
+        ("format=zeiss&name=a", OPENCV, &["?format"][..]),
+        ("format=opencv", OPENCV, &["?name"]),
+        ("format=colmap", COLMAP, &["?camera"]),
+        ("format=colmap&camera=12", COLMAP, &["?camera"]),
+        ("format=colmap&camera=2&image_size_px=4000", COLMAP, &["?image_size_px"]),
+        ("format=colmap&camera=2&image_size_px=4000,4000", COLMAP, &["?image_size_px"]),
+        ("format=colmap&camera=2&pixel_size_mm=0", COLMAP, &["?pixel_size_mm"]),
+        ("format=colmap&camera=7", COLMAP, &[]),
+        ("format=colmap&name=a", OPENCV, &[]),
+        ("name=a", OPENCV, &["?name"]),
+    ] {
+        let answer = service.send(calibration(query, "text/plain", text)).await;
+        assert_eq!(answer.problem(422), pointers, "{query}");
+    }
+    service.send(calibration("format=opencv&name=a", "image/jpeg", OPENCV)).await.problem(415);
+    service.send(calibration("", "application/yaml", OPENCV)).await.problem(415);
+    assert!(service.state.store.cameras(None, 10).await.unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn heights_of_a_compound_without_its_grid_are_refused_wherever_they_are_given() {
+    let service = Service::new().await;
+    for path in ["/api/v1/control-points?crs=EPSG:25832%2B7837", "/api/v1/control-scenes?crs=EPSG:25832%2B7837"] {
+        let answer = service.get(path).await;
+        assert_eq!(answer.problem(422), ["?crs"]);
+        let detail = answer.json()["detail"].as_str().unwrap().to_owned();
+        assert!(detail.contains("de_bkg_gcg2016.tif") && detail.contains("geoid_folder"), "{detail}");
+    }
 }

@@ -1,25 +1,82 @@
 //! The EPSG codes that are known, from the EPSG register (11.022, as in PROJ 9.5.1).
 
 use super::projection::{Projection, TransverseMercator};
-use super::{CrsError, Datum, Ellipsoid, System};
+use super::vertical::{self, Heights};
+use super::{Crs, CrsError, Datum, Ellipsoid, System};
 
 /// What [`find`] and the PROJ strings understand, for the error message.
-pub(super) const KNOWN: &str = "EPSG:4326, 4979, 4258 (longitude, latitude), 32601-32660 and 32701-32760 (UTM on \
-    WGS 84), 25828-25838 (UTM on ETRS89), 2176-2180 (PL-2000, PL-1992), 31466-31469 (DHDN / Gauss-Krueger), 3857 \
-    (web Mercator), and PROJ strings with +proj=topocentric, utm, tmerc or longlat on WGS84 or GRS80";
+pub(super) const KNOWN: &str = "EPSG:4326, 4979, 4258, 4937, 6668, 6667 (longitude, latitude), 32601-32660 and 32701-32760 \
+    (UTM on WGS 84), 25828-25838 (UTM on ETRS89), 2176-2180 (PL-2000, PL-1992), 31466-31469 (DHDN / Gauss-Krueger), \
+    6669-6687 (JGD2011 / Japan Plane Rectangular), 3857 (web Mercator), compounds of these and a height system as \
+    EPSG:25832+7837, the registered compounds 5554-5556, 5971-5976, 6697, 7423, 9286, 9518, 9707, 9924 and 10162-10174, and \
+    PROJ strings with +proj=topocentric, utm, tmerc or longlat on WGS84 or GRS80";
 
-/// The canonical name and the system of an EPSG code; `code` is what follows the colon in `given`.
-pub(super) fn find(given: &str, code: &str) -> Result<(String, System), CrsError> {
-    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+/// The system of an EPSG code, or of two with a plus between them; `code` is what follows the colon in `given`.
+pub(super) fn find(given: &str, code: &str) -> Result<Crs, CrsError> {
+    let unknown = || CrsError::Unknown { given: shortened(given) };
     // in a URL the plus of a compound may have become a space
-    let parts: Vec<&str> = code.trim().split(['+', ' ']).collect();
-    if parts.len() > 1 && parts.iter().all(|part| is_number(part)) {
-        return Err(CrsError::GeoidGridMissing { given: shortened(given) });
+    let (horizontal, vertical) = match code.trim().split_once(['+', ' ']) {
+        Some((horizontal, vertical)) => (horizontal, Some(vertical)),
+        None => (code.trim(), None),
+    };
+    let horizontal = number(horizontal).ok_or_else(unknown)?;
+    let Some(vertical) = vertical else { return by_code(horizontal)?.ok_or_else(unknown) };
+    let vertical = number(vertical).ok_or_else(unknown)?;
+    refuse_what_is_known(horizontal)?;
+    let system = system(horizontal)?.ok_or_else(unknown)?;
+    match vertical::find(vertical) {
+        Some(found) => Ok(compound(format!("EPSG:{horizontal}+{vertical}"), system, found)),
+        None => Err(CrsError::UnknownHeights { given: shortened(given), code: vertical }),
     }
-    let number = Some(code.trim()).filter(|code| is_number(code)).and_then(|code| code.parse().ok());
-    match number.map(|number| Ok((number, system(number)?))).transpose()? {
-        Some((number, Some(system))) => Ok((format!("EPSG:{number}"), system)),
-        _ => Err(CrsError::Unknown { given: shortened(given) }),
+}
+
+fn number(text: &str) -> Option<u32> {
+    Some(text).filter(|text| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit()))?.parse().ok()
+}
+
+fn by_code(code: u32) -> Result<Option<Crs>, CrsError> {
+    refuse_what_is_known(code)?;
+    let name = format!("EPSG:{code}");
+    if let Some((horizontal, vertical)) = registered_compound(code) {
+        let (Some(system), Some(found)) = (system(horizontal)?, vertical::find(vertical)) else { return Ok(None) };
+        return Ok(Some(compound(name, system, found)));
+    }
+    Ok(system(code)?.map(|system| Crs { name, system, heights: None }))
+}
+
+fn compound(name: String, system: System, heights: &'static vertical::VerticalSystem) -> Crs {
+    Crs { name, system, heights: Some(Heights { system: heights, geoids: None }) }
+}
+
+/// The two parts of compound systems that have a code of their own.
+fn registered_compound(code: u32) -> Option<(u32, u32)> {
+    match code {
+        // ETRS89 / UTM + DHHN92; + NN2000
+        5554..=5556 => Some((code - 5554 + 25831, 5783)),
+        5971..=5976 => Some((code - 5971 + 25831, 5941)),
+        // JGD2011, geographic and in the plane
+        6697 => Some((6668, 6695)),
+        10162..=10174 => Some((code - 10162 + 6669, 6695)),
+        // ETRS89 + EVRF2007, + NAP, + DHHN2016
+        7423 => Some((4258, 5621)),
+        9286 => Some((4258, 5709)),
+        9924 => Some((4258, 7837)),
+        // WGS 84 + EGM2008, + EGM96
+        9518 => Some((4326, 3855)),
+        9707 => Some((4326, 5773)),
+        _ => None,
+    }
+}
+
+/// Systems that are met often and would need more than a formula.
+fn refuse_what_is_known(code: u32) -> Result<(), CrsError> {
+    match code {
+        28992 | 7415 => Err(CrsError::Unsupported {
+            given: format!("EPSG:{code}"),
+            reason: "RD New differs from ETRS89 by the correction grid of RDNAPTRANS, up to 0.25 m, which is not read; \
+                     transform to EPSG:25831+5709 (UTM on ETRS89, NAP heights)",
+        }),
+        _ => Ok(()),
     }
 }
 
@@ -35,7 +92,7 @@ pub(super) fn shortened(text: &str) -> String {
 fn system(number: u32) -> Result<Option<System>, CrsError> {
     let (datum, grid) = match number {
         4326 | 4979 => return Ok(Some(System::Geographic(Ellipsoid::WGS84))),
-        4258 => return Ok(Some(System::Geographic(Ellipsoid::GRS80))),
+        4258 | 4937 | 6668 | 6667 => return Ok(Some(System::Geographic(Ellipsoid::GRS80))),
         3857 => {
             return Ok(Some(System::Projected(Projection::web_mercator()?, Datum::Modern(Ellipsoid::WGS84))));
         }
@@ -51,6 +108,7 @@ fn system(number: u32) -> Result<Option<System>, CrsError> {
             false_easting_m: 500_000.0,
             false_northing_m: -5_300_000.0,
         }),
+        6669..=6687 => modern(japanese_zone((number - 6669) as usize)),
         31466..=31469 => (Datum::Dhdn, three_degree_strip(Ellipsoid::BESSEL, number - 31464, 1.0)),
         _ => return Ok(None),
     };
@@ -69,6 +127,42 @@ fn three_degree_strip(ellipsoid: Ellipsoid, strip: u32, scale: f64) -> Transvers
         latitude_of_origin_deg: 0.0,
         scale,
         false_easting_m: 1e6 * f64::from(strip) + 500_000.0,
+        false_northing_m: 0.0,
+    }
+}
+
+/// A zone of the Japanese plane rectangular system, counted from 0. Its x is to the north; here, as everywhere, east
+/// comes first.
+fn japanese_zone(zone: usize) -> TransverseMercator {
+    /// Latitude and longitude of the origin, degrees and minutes.
+    const ORIGINS: [(f64, (f64, f64)); 19] = [
+        (33.0, (129.0, 30.0)),
+        (33.0, (131.0, 0.0)),
+        (36.0, (132.0, 10.0)),
+        (33.0, (133.0, 30.0)),
+        (36.0, (134.0, 20.0)),
+        (36.0, (136.0, 0.0)),
+        (36.0, (137.0, 10.0)),
+        (36.0, (138.0, 30.0)),
+        (36.0, (139.0, 50.0)),
+        (40.0, (140.0, 50.0)),
+        (44.0, (140.0, 15.0)),
+        (44.0, (142.0, 15.0)),
+        (44.0, (144.0, 15.0)),
+        (26.0, (142.0, 0.0)),
+        (26.0, (127.0, 30.0)),
+        (26.0, (124.0, 0.0)),
+        (26.0, (131.0, 0.0)),
+        (20.0, (136.0, 0.0)),
+        (26.0, (154.0, 0.0)),
+    ];
+    let (latitude_of_origin_deg, (degrees, minutes)) = ORIGINS[zone];
+    TransverseMercator {
+        ellipsoid: Ellipsoid::GRS80,
+        central_meridian_deg: degrees + minutes / 60.0,
+        latitude_of_origin_deg,
+        scale: 0.9999,
+        false_easting_m: 0.0,
         false_northing_m: 0.0,
     }
 }

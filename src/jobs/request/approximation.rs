@@ -214,9 +214,10 @@ impl ApproximationRequest {
 pub fn place_of(error: &CrsError) -> String {
     match error {
         CrsError::OutOfRange { index, .. } => format!("/coordinates/{index}"),
-        CrsError::Undulation { .. } | CrsError::UndulationWithoutHeight { .. } => {
-            "/vertical/geoid_undulation_m".to_owned()
-        }
+        CrsError::Undulation { .. }
+        | CrsError::UndulationWithoutHeight { .. }
+        | CrsError::UndulationBesideCompound { .. } => "/vertical/geoid_undulation_m".to_owned(),
+        CrsError::OutsideGeoidGrid { .. } => "/coordinates".to_owned(),
         _ => "/crs".to_owned(),
     }
 }

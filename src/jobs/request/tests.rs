@@ -84,6 +84,7 @@ fn a_complete_request_is_taken_as_it_is() {
 #[case("/tolerance_m", json!(1), "/tolerance_m")]
 #[case("/output_crs", json!("EPSG:0"), "/output_crs")]
 #[case("/output_crs", json!("EPSG:25832"), "/output_crs")]
+#[case("/output_crs", json!("EPSG:32614+5703"), "/output_crs")]
 fn a_bad_field_is_named(#[case] pointer: &str, #[case] value: Value, #[case] named: &str) {
     let faults = with(pointer, value).prepare(Some([4000, 3000]), &bare()).unwrap_err();
     assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), [named], "{faults:?}");

@@ -1,0 +1,111 @@
+//! Geoid grids in a folder, by the names that PROJ gives them: GeoTIFF as <https://cdn.proj.org> has it, and GTX.
+//!
+//! A grid is opened when it is first asked for, and its parts are decoded when they are first looked at: of a model of the
+//! whole Earth an image needs one tile. What is decoded stays, up to a bound. A file that is put into the folder later is
+//! found at once, a file that has changed is not.
+
+mod geotiff;
+mod gtx;
+mod parts;
+#[cfg(test)]
+mod tests;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::geometry::{Crs, GeoidGrid, Geoids};
+
+/// The grids of a folder.
+#[derive(Debug)]
+pub struct GeoidFolder {
+    folder: PathBuf,
+    open: Mutex<HashMap<String, Arc<GeoidGrid>>>,
+}
+
+/// Why a file is no geoid grid.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum GeoidFileError {
+    /// It cannot be read.
+    #[error("it cannot be read: {0}")]
+    Unreadable(#[from] std::io::Error),
+    /// Its TIFF is damaged or of a kind that is not understood.
+    #[error("its TIFF cannot be read: {0}")]
+    Tiff(#[from] tiff::TiffError),
+    /// It is something else than a grid of undulations in longitude and latitude.
+    #[error("{0}")]
+    NoGrid(String),
+}
+
+/// A grid that lies in the folder.
+#[derive(Debug)]
+pub struct Found {
+    /// Its name without the ending.
+    pub name: String,
+    /// The height systems that it serves.
+    pub systems: Vec<&'static str>,
+    /// What is wrong with it, if anything.
+    pub fault: Option<String>,
+}
+
+/// The endings that grids have, the one to be preferred first.
+const ENDINGS: [&str; 2] = ["tif", "gtx"];
+
+impl GeoidFolder {
+    /// The grids that lie in a folder, which need not be there.
+    #[must_use]
+    pub fn new(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into(), open: Mutex::default() }
+    }
+
+    /// The known grids that lie in the folder, each opened for a look at its head.
+    #[must_use]
+    pub fn found(&self) -> Vec<Found> {
+        let mut found: Vec<Found> = Vec::new();
+        for system in Crs::height_systems() {
+            for name in system.grids {
+                if let Some(known) = found.iter_mut().find(|known| known.name == *name) {
+                    known.systems.push(system.name);
+                    continue;
+                }
+                let fault = match self.grid(name) {
+                    Ok(None) => continue,
+                    Ok(Some(_)) => None,
+                    Err(fault) => Some(fault),
+                };
+                found.push(Found { name: (*name).to_owned(), systems: vec![system.name], fault });
+            }
+        }
+        found
+    }
+
+    fn file(&self, name: &str) -> Option<PathBuf> {
+        ENDINGS.iter().map(|ending| self.folder.join(format!("{name}.{ending}"))).find(|file| file.is_file())
+    }
+}
+
+impl Geoids for GeoidFolder {
+    fn grid(&self, name: &str) -> Result<Option<Arc<GeoidGrid>>, String> {
+        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(grid) = open.get(name) {
+            return Ok(Some(grid.clone()));
+        }
+        let Some(file) = self.file(name) else { return Ok(None) };
+        let grid = Arc::new(read(&file).map_err(|error| error.to_string())?);
+        open.insert(name.to_owned(), grid.clone());
+        Ok(Some(grid))
+    }
+}
+
+/// Opens a grid; its ending says what it is.
+///
+/// # Errors
+/// [`GeoidFileError`] unless its head is that of a grid. A damaged part shows when it is first looked at.
+pub fn read(file: &Path) -> Result<GeoidGrid, GeoidFileError> {
+    if file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gtx")) {
+        gtx::open(file)
+    } else {
+        geotiff::open(file)
+    }
+}
