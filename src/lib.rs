@@ -29,6 +29,8 @@ pub mod study;
 
 pub mod imagery;
 
+pub mod buildings;
+
 pub mod database;
 
 pub mod control;

@@ -44,6 +44,7 @@ const ROOMS: &[Room] = &[
         ],
     ),
     Room("imagery", &["features"]),
+    Room("buildings", &[]),
     Room("database", &[]),
     Room("control", &["geometry", "scenes", "orientation", "pipeline", "database"]),
     Room("flight", &["geometry"]),
