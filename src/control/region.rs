@@ -53,8 +53,8 @@ impl GeodeticBox {
         bounds
     }
 
-    /// A box around a building, too large by some millimetres, and never too small: its points are brought to the tangent plane at its reference point, which is many times faster than finding the
-    /// longitude and latitude of each.
+    /// A box around a building, too large by some millimetres, and never too small: its points are brought to the tangent
+    /// plane at its reference point, which is many times faster than finding the longitude and latitude of each.
     #[must_use]
     pub fn around_building(
         reference_geocentric_m: Vector3<f64>,
