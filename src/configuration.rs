@@ -74,6 +74,8 @@ pub struct Configuration {
     pub body_max_bytes: usize,
     /// The largest body of an import of control points.
     pub import_max_bytes: usize,
+    /// The largest building model that is imported by a request; `gable import` reads any.
+    pub model_max_bytes: u64,
     /// The longest side of an image, in pixels.
     pub image_max_side_px: u32,
     /// The most pixels of a TIFF, which is read in windows.
@@ -176,6 +178,7 @@ impl Default for Configuration {
             disk_reserve_bytes: 200_000_000,
             body_max_bytes: 1_000_000,
             import_max_bytes: 100_000_000,
+            model_max_bytes: 2_000_000_000,
             image_max_side_px: 60_000,
             image_max_pixels: 1_000_000_000,
             image_max_whole_pixels: 120_000_000,
@@ -367,12 +370,13 @@ impl Configuration {
     }
 
     fn check(&self) -> Result<(), ConfigurationError> {
-        let positive: [(&'static str, u64); 23] = [
+        let positive: [(&'static str, u64); 24] = [
             ("viewer_cache_bytes", self.viewer_cache_bytes),
             ("upload_max_bytes", self.upload_max_bytes),
             ("upload_kept_s", self.upload_kept_s),
             ("body_max_bytes", self.body_max_bytes as u64),
             ("import_max_bytes", self.import_max_bytes as u64),
+            ("model_max_bytes", self.model_max_bytes),
             ("image_max_side_px", self.image_max_side_px.into()),
             ("image_max_pixels", self.image_max_pixels),
             ("image_max_whole_pixels", self.image_max_whole_pixels),

@@ -79,6 +79,7 @@ fn numbers_that_are_none_do_no_harm() {
         let mut task = Task {
             camera: scene.camera,
             approximation: scene.approximation.clone(),
+            check: std::sync::Arc::default(),
             tolerance: Tolerance::Gsd(10.0),
             judge: Judge { classifier: classifier.clone(), policy: Policy::default() },
         };

@@ -25,6 +25,7 @@ fn task(scene: &Scene) -> Task {
     Task {
         camera: scene.camera,
         approximation: scene.approximation.clone(),
+        check: std::sync::Arc::default(),
         tolerance: Tolerance::Gsd(TOLERANCE_GSD),
         judge: Judge { classifier: shipped().unwrap().classifier, policy: Policy::default() },
     }
@@ -268,6 +269,35 @@ fn moved(control_point: &ControlPoint, by_m: Vector3<f64>) -> ControlPoint {
         edge.end += by_m;
     }
     moved
+}
+
+#[test]
+fn check_points_are_not_used_and_tell_how_right_the_orientation_is() {
+    let scene = Scene::draw(101, &SceneSettings::default()).unwrap();
+    let (picture, all) = (scene.render(), scene.control_points());
+    let seen = run(&picture, &all, &task(&scene));
+    let used = seen.control_points.iter().filter(|c| c.used).map(|c| c.name.clone());
+    let names: Vec<String> = used.step_by(3).take(4).collect();
+    let (mut check, control): (Vec<_>, Vec<_>) = all.into_iter().partition(|point| names.contains(&point.name));
+    let without = run(&picture, &control, &task(&scene));
+    // one is not where it is said to be
+    let by_m = Vector3::new(0.6, -0.3, 0.0);
+    check[0] = moved(&check[0], by_m);
+    let task = Task { check: check.clone().into(), ..task(&scene) };
+    let outcome = run(&picture, &control, &task);
+    assert_eq!(outcome.check_points.len(), 4, "{:?}", outcome.check_points);
+    let gsd_m = scene.ground_sample_distance_m();
+    for point in &outcome.check_points {
+        let residual_m = point.residual_m.unwrap();
+        assert!(point.segments_matched >= 2, "{point:?}");
+        if point.name == check[0].name {
+            assert!((residual_m - by_m.norm()).abs() < 3.0 * gsd_m, "{point:?} at {gsd_m} m a pixel");
+        } else {
+            assert!(residual_m < 4.0 * gsd_m, "{point:?} at {gsd_m} m a pixel");
+        }
+    }
+    // they change nothing
+    assert_eq!(Outcome { check_points: Vec::new(), ..outcome }, without);
 }
 
 #[test]

@@ -66,7 +66,13 @@ impl Dataset {
             let rows = rows.iter().map(numbers).collect::<Result<Vec<_>>>()?.concat();
             images.push(Image {
                 file: pictures.join(entry["file"].as_str().context("file")?),
-                task: Task { camera, approximation, tolerance: Tolerance::Gsd(tolerance_gsd), judge: judge.clone() },
+                task: Task {
+                    camera,
+                    approximation,
+                    check: Arc::default(),
+                    tolerance: Tolerance::Gsd(tolerance_gsd),
+                    judge: judge.clone(),
+                },
                 control,
                 scenes: scenes
                     .iter()
@@ -140,6 +146,7 @@ fn scenes(folder: &Path, frame: &LocalFrame) -> Result<Vec<(ControlPoint, Vector
             sigma_m: number(&entry["sigma_m"])?,
             reference_m: Vector3::zeros(),
             edges_m: Vec::new(),
+            edge_sigmas_m: Vec::new(),
             scene: Some(Arc::new(scene)),
         };
         Ok((control_point, frame.to_geocentric(triple(&entry["reference"]["coordinates"])?.into())))

@@ -216,7 +216,14 @@ pub fn bench_lines(peers: &Peers) -> Result<Vec<Row>> {
             numbers.extend([segment_px.start, segment_px.end].iter().flat_map(|end| [end.x, end.y]));
         }
         let name = control_point.to_string();
-        control.push(ControlPoint { name, sigma_m: 0.02, reference_m: point.object_m, edges_m, scene: None });
+        control.push(ControlPoint {
+            name,
+            sigma_m: 0.02,
+            reference_m: point.object_m,
+            edges_m,
+            edge_sigmas_m: Vec::new(),
+            scene: None,
+        });
         buildings.push(Building { control_point, matches, measured: None, shift_px: Vector2::zeros() });
     }
     let folder = folder(&scenes)?;

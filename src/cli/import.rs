@@ -1,12 +1,22 @@
 //! `gable import`.
 
+use std::fs::File;
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
-use clap::Args;
+use chrono::NaiveDate;
+use clap::{Args, ValueEnum};
+use gable::buildings;
 use gable::configuration::Configuration;
-use gable::control::{ImportReport, Mode, Source, geojson, points};
+use gable::control::geojson::Defaults;
+use gable::control::points::{self, FileIdentity, Import as Plan, Step};
+use gable::control::sets::NewSet;
+use gable::control::{FileFormat, ImportReport, Mode, Reading, Rejection, Use, Validity};
+use gable::database::Database;
 use gable::geometry::Crs;
 use gable::store::Store;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -20,17 +30,24 @@ Examples:
       Adds the control points in the file, and updates those that are known by name. A service on the same folder may \
       be running: it uses them from the next image on.
 
+  gable import koeln.city.jsonl --set nrw-2024 --year 2024 --refused refused.csv
+      Adds the roof edges of a building model to a set that requests can choose, and says why of each building that it \
+      cannot use. Called again after an interruption, it goes on where it was.
+
   gable import buildings.geojson --crs EPSG:25832 --geoid-undulation-m 46.2
       The same where heights are above the geoid: height + 46.2 m = ellipsoidal height.
 
+  gable import checks.geojson --crs EPSG:25832 --set checks --use check
+      Adds buildings that are never used, and tell how right every orientation is.
+
   gable import all.geojson --crs EPSG:2180 --mode replace
-      Makes the file all there is: control points that are not in it are removed.
+      Makes the file all there is in its set: control points that are not in it are removed.
 
   gable import --scenes scenes.json --data /srv/gable
       Adds control scenes, small georeferenced pictures of the ground, and replaces those that are known by name. The \
       pictures are in the folder scenes beside the list, or right beside it.
 
-Each feature is one building, a MultiLineString of segments with two 3D positions each:
+Each feature of GeoJSON is one building, a MultiLineString of segments with two 3D positions each:
   {\"type\": \"FeatureCollection\", \"features\": [
     {\"type\": \"Feature\", \"properties\": {\"name\": \"church-7\", \"sigma_m\": 0.1},
      \"geometry\": {\"type\": \"MultiLineString\", \"coordinates\": [[[565012.1, 5934410.4, 78.2], [565021.9, 5934412.0, 78.2]]]}}]}
@@ -40,25 +57,45 @@ Each entry of a list of scenes is what `POST /control-scenes` takes, with the fi
     \"sigma_azimuth_deg\": 5, \"reference_px\": [212.5, 198.0], \"sigma_m\": 0.05,
     \"reference\": {\"crs\": \"EPSG:25832\", \"coordinates\": [565012.1, 5934410.4, 71.3]}}]";
 
-/// Import control points from a GeoJSON file, or control scenes, into the data folder
+/// Import control points from a GeoJSON file or a building model, or control scenes, into the data folder
 #[derive(Debug, Args)]
 #[command(
     after_help = EXAMPLES,
-    override_usage = "gable import [OPTIONS] --crs <CRS> <FILE>\n       gable import [OPTIONS] --scenes <FILE>",
+    override_usage = "gable import [OPTIONS] [--crs <CRS>] <FILE>\n       gable import [OPTIONS] --scenes <FILE>",
 )]
 pub(crate) struct Import {
-    /// GeoJSON file with the control points.
-    #[arg(required_unless_present = "scenes", requires = "crs")]
+    /// File with the control points: GeoJSON, CityJSON, CityJSONSeq or CityGML.
+    #[arg(required_unless_present = "scenes")]
     file: Option<PathBuf>,
-    /// CRS of its coordinates: EPSG:<code> or a PROJ string.
+    #[command(flatten)]
+    reading: ReadingFlags,
+    /// The set that they belong to; it is made if there is none. [default: default]
+    #[arg(long, value_name = "NAME", requires = "file")]
+    set: Option<String>,
+    /// Year of the survey of that set.
+    #[arg(long, value_name = "YEAR", requires = "file")]
+    year: Option<i64>,
+    /// What is in that set.
+    #[arg(long, value_name = "TEXT", requires = "file")]
+    description: Option<String>,
+    /// What they are there for: `check` is never used, and reported with every orientation.
+    #[arg(long = "use", value_enum, default_value_t, requires = "file")]
+    purpose: Use,
+    /// First day on which the buildings stand like this, where the file does not say.
+    #[arg(long, value_name = "YYYY-MM-DD", requires = "file")]
+    valid_from: Option<NaiveDate>,
+    /// Last day on which they do.
+    #[arg(long, value_name = "YYYY-MM-DD", requires = "file")]
+    valid_to: Option<NaiveDate>,
+    /// Begin anew even if an import of this file was interrupted.
     #[arg(long, requires = "file")]
-    crs: Option<Crs>,
+    anew: bool,
+    /// Write all that was refused to this file (CSV: index, name, detail). After an interruption it goes on in it.
+    #[arg(long, value_name = "FILE", requires = "file")]
+    refused: Option<PathBuf>,
     /// JSON file with a list of control scenes, instead.
     #[arg(long, value_name = "FILE", conflicts_with = "file")]
     scenes: Option<PathBuf>,
-    /// What makes its heights ellipsoidal, if they are above the geoid.
-    #[arg(long, value_name = "N", requires = "file", allow_negative_numbers = true)]
-    geoid_undulation_m: Option<f64>,
     /// What becomes of control points, or scenes, whose name is known.
     #[arg(long, value_enum, default_value_t)]
     mode: Mode,
@@ -69,45 +106,101 @@ pub(crate) struct Import {
     settings: Settings,
 }
 
+/// How a file of control points is read.
+#[derive(Debug, Clone, Args)]
+struct ReadingFlags {
+    /// CRS of its coordinates: EPSG:<code> or a PROJ string. A building model may say so itself.
+    #[arg(long, requires = "file")]
+    crs: Option<Crs>,
+    /// Its format. [default: by its content and name]
+    #[arg(long, value_enum, requires = "file")]
+    format: Option<NamedFormat>,
+    /// What makes its heights ellipsoidal, if they are above the geoid.
+    #[arg(long, value_name = "N", requires = "file", allow_negative_numbers = true)]
+    geoid_undulation_m: Option<f64>,
+}
+
+/// Formats by their names on the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum NamedFormat {
+    Geojson,
+    Cityjson,
+    Cityjsonseq,
+    Citygml,
+}
+
+impl From<NamedFormat> for FileFormat {
+    fn from(format: NamedFormat) -> Self {
+        match format {
+            NamedFormat::Geojson => Self::GeoJson,
+            NamedFormat::Cityjson => Self::Model(buildings::Format::CityJson),
+            NamedFormat::Cityjsonseq => Self::Model(buildings::Format::CityJsonSeq),
+            NamedFormat::Citygml => Self::Model(buildings::Format::CityGml),
+        }
+    }
+}
+
 impl Import {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         let quiet = std::env::var_os("GABLE_LOG").is_none().then(|| "warn".to_owned());
         let configuration = self.settings.gather(&[("log", quiet)])?;
-        let (thing, report) = match (&self.scenes, &self.file, &self.crs) {
-            (Some(list), ..) => ("scene", self.scenes(list, &configuration).await?),
-            (None, Some(file), Some(crs)) => ("feature", self.buildings(file, crs, &configuration).await?),
-            _ => bail!("give a GeoJSON file and --crs, or --scenes FILE"),
+        let (thing, report) = match (&self.scenes, &self.file) {
+            (Some(list), _) => ("scene", self.scenes(list, &configuration).await?),
+            (None, Some(file)) => ("feature", self.buildings(file, &configuration).await?),
+            _ => bail!("give a file of control points, or --scenes FILE"),
         };
         if self.json {
             return print(&serde_json::to_string_pretty(&report)?);
         }
-        for rejection in &report.rejected {
+        self.tell(thing, &report)
+    }
+
+    fn tell(&self, thing: &str, report: &ImportReport) -> anyhow::Result<()> {
+        let ImportReport { imported, updated, rejected, rejected_count, rejected_by_reason, .. } = report;
+        for rejection in rejected {
             let name = rejection.name.as_deref().unwrap_or("without a name");
             print(&format!("rejected: {thing} {} ({name}): {}", rejection.index, rejection.detail))?;
         }
-        let ImportReport { imported, updated, rejected } = &report;
-        print(&format!("{imported} imported, {updated} updated, {} rejected", rejected.len()))?;
-        if imported + updated == 0 && !rejected.is_empty() {
+        if *rejected_count > rejected.len() {
+            for reason in rejected_by_reason {
+                print(&format!("{} times: {}", reason.count, reason.reason))?;
+            }
+        }
+        print(&format!("{imported} imported, {updated} updated, {rejected_count} rejected"))?;
+        if imported + updated == 0 && *rejected_count > 0 {
             bail!("nothing was imported");
         }
         Ok(())
     }
 
-    async fn buildings(&self, file: &Path, crs: &Crs, configuration: &Configuration) -> anyhow::Result<ImportReport> {
-        warn_of_heights(crs, self.geoid_undulation_m);
-        let parsed = parse(file, crs.clone(), self.geoid_undulation_m).await?;
+    async fn buildings(&self, file: &Path, configuration: &Configuration) -> anyhow::Result<ImportReport> {
+        let name = || file.display().to_string();
+        let set = NewSet {
+            name: self.set.clone().unwrap_or(NewSet::default().name),
+            survey_year: self.year,
+            description: self.description.clone(),
+        };
+        set.check().map_err(|detail| anyhow::anyhow!("--set, --year: {detail}"))?;
+        let defaults =
+            Defaults { purpose: self.purpose, validity: Validity { from: self.valid_from, to: self.valid_to } };
+        let reading = self.reading.reading(file, defaults)?;
+        let identity = FileIdentity::of(file).with_context(name)?;
+        let plan = Plan { set, mode: self.mode, file: Some(identity), anew: self.anew };
+        let mut refusals = self.refused.as_deref().map(Refusals::open).transpose()?;
         let store = Store::connect(&configuration.place()).await?;
-        let bar = bar(parsed.control_points.len());
-        let imported = points::import(store.database(), parsed, self.mode, |done| bar.set_position(done as u64)).await;
-        bar.finish_and_clear();
+        let imported = import_file(store.database(), file, &plan, reading, |rejected| match &mut refusals {
+            Some(refusals) => refusals.write(rejected),
+            None => Ok(()),
+        })
+        .await;
         store.close().await;
-        Ok(imported?)
+        imported
     }
 
     async fn scenes(&self, file: &Path, configuration: &Configuration) -> anyhow::Result<ImportReport> {
         let list = SceneList::read(file)?;
         let store = Store::connect(&configuration.place()).await?;
-        let bar = bar(list.len());
+        let bar = bar(list.len() as u64, "{msg} {wide_bar} {pos}/{len} {eta}");
         let progress = |done| bar.set_position(done as u64);
         let imported = scenes::import(store.database(), &list, &Bounds::of(configuration), self.mode, progress).await;
         bar.finish_and_clear();
@@ -116,30 +209,124 @@ impl Import {
     }
 }
 
-/// Says so where heights are taken as ellipsoidal for want of better knowledge.
-pub(super) fn warn_of_heights(crs: &Crs, geoid_undulation_m: Option<f64>) {
-    if crs.assumes_ellipsoidal_heights() && geoid_undulation_m.is_none() {
+impl ReadingFlags {
+    fn reading(&self, file: &Path, defaults: Defaults) -> anyhow::Result<Reading> {
+        let format = match self.format {
+            Some(format) => format.into(),
+            None => recognised(file)?,
+        };
+        let (crs, geoid_undulation_m) = (self.crs.clone(), self.geoid_undulation_m);
+        Ok(Reading { format, crs, geoid_undulation_m, defaults, heights_assumed: Arc::default() })
+    }
+}
+
+/// So many bytes say what a file is.
+const FIRST_BYTES: u64 = 4_096;
+
+fn recognised(file: &Path) -> anyhow::Result<FileFormat> {
+    let name = file.display().to_string();
+    let mut first = Vec::new();
+    let opened = File::open(file).with_context(|| format!("cannot read {name}"))?;
+    opened.take(FIRST_BYTES).read_to_end(&mut first).with_context(|| format!("cannot read {name}"))?;
+    let by_name = file.file_name().and_then(|name| name.to_str());
+    FileFormat::recognise(&first, by_name)
+        .with_context(|| format!("{name} is no file of control points that is known; --format may say what it is"))
+}
+
+/// Imports a file, with a bar that tells how far it is, how fast it goes and how long it takes still. `refused` is told
+/// what was rejected, batch by batch.
+async fn import_file(
+    database: &Database,
+    file: &Path,
+    plan: &Plan,
+    reading: Reading,
+    mut refused: impl FnMut(&[Rejection]) -> anyhow::Result<()>,
+) -> anyhow::Result<ImportReport> {
+    let name = file.display().to_string();
+    let opened = File::open(file).with_context(|| format!("cannot read {name}"))?;
+    let bar = bar(opened.metadata()?.len(), "{msg} {wide_bar} {binary_bytes}/{binary_total_bytes} {eta}");
+    let (done, mut trouble) = (Arc::new(AtomicU64::new(0)), None);
+    let counted = Counted { inner: opened, done: done.clone() };
+    let (began, mut first, heights_assumed) = (Instant::now(), None, reading.heights_assumed.clone());
+    let read = points::import(
+        database,
+        plan,
+        reading,
+        move |reading, each| reading.read(&mut BufReader::with_capacity(1 << 20, counted), each),
+        |step: Step<'_>| {
+            let first = *first.get_or_insert(step.report.resumed_at.unwrap_or(0));
+            let a_second = (step.items_done - first) as f64 / began.elapsed().as_secs_f64();
+            let refused_count = step.report.rejected_count;
+            bar.set_message(format!("{} buildings, {a_second:.0}/s, {refused_count} refused", step.items_done));
+            bar.set_position(done.load(Ordering::Relaxed));
+            if let Err(error) = refused(step.rejected) {
+                trouble.get_or_insert(error);
+            }
+        },
+    );
+    let imported = read.await;
+    bar.finish_and_clear();
+    if let Some(crs) = heights_assumed.get() {
         tracing::warn!(
             "{crs} says nothing about heights: they are taken as ellipsoidal; --geoid-undulation-m makes them so"
         );
     }
+    let report = imported.with_context(|| name)?;
+    trouble.map_or(Ok(report), Err)
 }
 
-/// Reads a file of control points, away from the threads that wait for others.
-pub(super) async fn parse(
-    file: &std::path::Path,
-    crs: Crs,
+/// Imports a file into a database that is made for one image.
+pub(super) async fn import_for_one(
+    database: &Database,
+    file: &Path,
+    crs: Option<Crs>,
     geoid_undulation_m: Option<f64>,
-) -> anyhow::Result<geojson::Parsed> {
-    let name = file.display().to_string();
-    let body = tokio::fs::read(file).await.with_context(|| format!("cannot read {name}"))?;
-    let parse = move || geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m });
-    tokio::task::spawn_blocking(parse).await?.with_context(|| name)
+) -> anyhow::Result<ImportReport> {
+    let (format, heights_assumed) = (recognised(file)?, Arc::default());
+    let reading = Reading { format, crs, geoid_undulation_m, defaults: Defaults::default(), heights_assumed };
+    import_file(database, file, &Plan::default(), reading, |_| Ok(())).await
 }
 
-fn bar(length: usize) -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}");
-    let bar = ProgressBar::new(length as u64).with_message("importing");
+/// A file that tells how much of it was read.
+struct Counted {
+    inner: File,
+    done: Arc<AtomicU64>,
+}
+
+impl Read for Counted {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let read = self.inner.read(buffer)?;
+        self.done.fetch_add(read as u64, Ordering::Relaxed);
+        Ok(read)
+    }
+}
+
+/// A table of what was refused.
+struct Refusals(csv::Writer<File>);
+
+impl Refusals {
+    fn open(path: &Path) -> anyhow::Result<Self> {
+        let name = || format!("--refused {}", path.display());
+        let file = File::options().create(true).append(true).open(path).with_context(name)?;
+        let empty = file.metadata().with_context(name)?.len() == 0;
+        let mut writer = csv::Writer::from_writer(file);
+        if empty {
+            writer.write_record(["index", "name", "detail"]).with_context(name)?;
+        }
+        Ok(Self(writer))
+    }
+
+    fn write(&mut self, rejected: &[Rejection]) -> anyhow::Result<()> {
+        for Rejection { index, name, detail } in rejected {
+            self.0.write_record([&index.to_string(), name.as_deref().unwrap_or_default(), detail])?;
+        }
+        Ok(self.0.flush()?)
+    }
+}
+
+fn bar(length: u64, template: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template(template);
+    let bar = ProgressBar::new(length).with_message("importing");
     bar.enable_steady_tick(Duration::from_millis(200));
     style.map_or(bar.clone(), |style| bar.with_style(style))
 }

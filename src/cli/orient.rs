@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
+use chrono::NaiveDate;
 use clap::Args;
+use gable::control::Mode;
 use gable::control::geojson::Rejection;
 use gable::control::near::Reach;
-use gable::control::{Mode, points};
 use gable::database::Database;
 use gable::geometry::Crs;
 use gable::http::cameras::CameraRequest;
@@ -87,6 +88,12 @@ pub(crate) struct Orient {
     /// Which control is used. [default: whatever there is]
     #[arg(long = "use", value_name = "KIND", value_enum)]
     control_choice: Option<ControlChoice>,
+    /// Sets of control points that may be used, with commas between. [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    control_sets: Vec<String>,
+    /// When the image was taken: buildings that did not stand then are not used. [default: as EXIF says, else today]
+    #[arg(long, value_name = "YYYY-MM-DD")]
+    date: Option<NaiveDate>,
     /// The largest error on the ground that is acceptable, in ground sample distances. [default: 10]
     #[arg(long, value_name = "N", conflicts_with = "tolerance_m")]
     tolerance_gsd: Option<f64>,
@@ -238,12 +245,13 @@ impl Orient {
             Some(store) => ActiveClassifier::default().get(store).await?,
             None => shipped_classifier()?,
         };
-        let work = prepared.work(camera, &decides)?;
+        let mut work = prepared.work(camera, &decides)?;
         let pool = match &store {
             Some(store) if !with_files => store.database().clone(),
             _ => self.control_of_files(&Bounds::of(&configuration)).await?,
         };
-        let near = ControlNear::find(&pool, &work, Reach::default(), prepared.kinds()).await?;
+        let near = ControlNear::find(&pool, &work, Reach::default(), &prepared.wanted()).await?;
+        work.check = near.check();
         let (path, bar) = (self.image.clone(), Bar::new());
         let oriented = tokio::task::spawn_blocking(move || {
             let orient: Pipeline = Arc::new(pipeline::orient);
@@ -270,6 +278,8 @@ impl Orient {
             caution: self.caution,
             threshold: self.threshold,
             control: self.control_choice,
+            control_sets: (!self.control_sets.is_empty()).then(|| self.control_sets.clone()),
+            date: self.date,
             interior_orientation: self.scan.request(),
             output_crs: self.output_crs.clone(),
             priority: None,
@@ -305,11 +315,8 @@ impl Orient {
     }
 
     async fn add_buildings(&self, pool: &Database, file: &Path) -> anyhow::Result<()> {
-        let crs = self.crs.clone().context("--control needs --crs, the CRS of its coordinates")?;
-        import::warn_of_heights(&crs, self.geoid_undulation_m);
-        let parsed = import::parse(file, crs, self.geoid_undulation_m).await?;
-        warn_of_rejections(file, "feature", &parsed.rejected);
-        points::import(pool, parsed, Mode::Upsert, |_| {}).await?;
+        let report = import::import_for_one(pool, file, self.crs.clone(), self.geoid_undulation_m).await?;
+        warn_of_rejections(file, "feature", &report.rejected);
         Ok(())
     }
 

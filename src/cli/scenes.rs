@@ -105,7 +105,7 @@ pub(super) async fn import(
                 told.extend(warnings.into_iter().map(|warning| warning.detail));
                 if mode == Mode::Insert && scenes::by_id_or_name(pool, &content.name).await?.is_some() {
                     let detail = "a scene of this name exists already; --mode upsert would replace it".to_owned();
-                    report.rejected.push(Rejection { index, name: Some(content.name), detail });
+                    report.reject(Rejection { index, name: Some(content.name), detail });
                 } else {
                     match scenes::write(pool, Uuid::now_v7(), &content, &file, now()).await?.new {
                         true => report.imported += 1,
@@ -114,7 +114,7 @@ pub(super) async fn import(
                     names.push(content.name);
                 }
             }
-            Err(rejection) => report.rejected.push(rejection),
+            Err(rejection) => report.reject(rejection),
         }
         progress(index + 1);
     }

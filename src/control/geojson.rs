@@ -1,25 +1,34 @@
 //! Control points out of GeoJSON (contract, section Control points) and back. One bad feature never loses the others.
 
+mod feature;
+
 use std::collections::HashSet;
 use std::fmt;
+use std::io::Read;
+use std::ops::ControlFlow;
 
+use chrono::NaiveDate;
 use nalgebra::Vector3;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::model::StoredControlPoint;
+pub use feature::{ControlPointFeature, ControlPointProperties, MultiLineString, feature};
+
+use super::accuracy::edge_sigma_m;
+use super::model::{StoredControlPoint, StoredEdge, Use, Validity};
+use crate::buildings::EdgeKind;
 use crate::geometry::{Crs, Segment3};
 
 /// More edges than any building needs; a file with more is no file of control points.
-const MOST_EDGES: usize = 2_000;
+pub(super) const MOST_EDGES: usize = 2_000;
 /// The largest control point, from its reference point to its farthest end.
-const LARGEST_EXTENT_M: f64 = 2_000.0;
+pub(super) const LARGEST_EXTENT_M: f64 = 2_000.0;
 /// An edge shorter than this has no direction.
-const SHORTEST_EDGE_M: f64 = 0.001;
+pub(super) const SHORTEST_EDGE_M: f64 = 0.001;
 /// Coordinates worse than this cannot orient anything.
-const LARGEST_SIGMA_M: f64 = 100.0;
+pub(super) const LARGEST_SIGMA_M: f64 = 100.0;
 const LONGEST_NAME: usize = 200;
 
 /// Where the coordinates of a collection are.
@@ -85,42 +94,71 @@ struct Properties {
     name: Option<String>,
     sigma_m: Option<f64>,
     reference: Option<Vec<f64>>,
+    r#use: Option<Use>,
+    valid_from: Option<NaiveDate>,
+    valid_to: Option<NaiveDate>,
+    edge_kinds: Option<Vec<Option<String>>>,
+    edge_sigma_m: Option<Vec<f64>>,
 }
 
-/// Reads a `FeatureCollection`, a feature at a time: a large body is never held twice.
+/// What a control point is there for, and when it stands like this, where its own properties do not say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Defaults {
+    /// What it is there for.
+    pub purpose: Use,
+    /// When it stands like this.
+    pub validity: Validity,
+}
+
+/// Reads a `FeatureCollection` as a whole.
 ///
 /// # Errors
-/// [`CollectionError`] if the body as a whole is something else.
+/// [`CollectionError`] if the body is something else.
 pub fn parse(body: &[u8], source: &Source<'_>) -> Result<Parsed, CollectionError> {
-    let mut reader = Reader { source, parsed: Parsed::default(), names: HashSet::new() };
-    let mut deserializer = serde_json::Deserializer::from_slice(body);
+    let (mut parsed, mut names) = (Parsed::default(), HashSet::new());
+    read(body, &mut |index, feature| {
+        let name = name_of(&feature);
+        let point = control_point(feature, source, Defaults::default());
+        let point = point.and_then(|point| match names.insert(point.name.clone()) {
+            true => Ok(point),
+            false => Err("the name occurs earlier in this collection; names are unique".to_owned()),
+        });
+        match point {
+            Ok(point) => parsed.control_points.push((index, point)),
+            Err(detail) => parsed.rejected.push(Rejection { index, name, detail }),
+        }
+        ControlFlow::Continue(())
+    })?;
+    Ok(parsed)
+}
+
+/// The name of a feature, if it has one.
+#[must_use]
+pub fn name_of(feature: &Value) -> Option<String> {
+    feature.pointer("/properties/name").and_then(Value::as_str).map(str::to_owned)
+}
+
+/// Reads a `FeatureCollection` and gives `each` its features with their places, until that breaks off: however large it
+/// is, one feature is in memory at a time.
+///
+/// # Errors
+/// [`CollectionError`] if it is something else; what was given before stands.
+pub fn read(input: impl Read, each: &mut dyn FnMut(usize, Value) -> ControlFlow<()>) -> Result<(), CollectionError> {
+    let mut reader = Reader { each, ended: false };
+    let mut deserializer = serde_json::Deserializer::from_reader(input);
     let read = reader.deserialize(&mut deserializer).and_then(|()| deserializer.end());
     match read {
-        Ok(()) => Ok(reader.parsed),
+        Err(_) if reader.ended => Ok(()),
+        Ok(()) => Ok(()),
         Err(error) if error.is_data() => Err(CollectionError::NotACollection { detail: error.to_string() }),
         Err(error) => Err(CollectionError::Syntax(error)),
     }
 }
 
-struct Reader<'a> {
-    source: &'a Source<'a>,
-    parsed: Parsed,
-    names: HashSet<String>,
-}
-
-impl Reader<'_> {
-    fn take(&mut self, index: usize, feature: Value) {
-        let name = feature.pointer("/properties/name").and_then(Value::as_str).map(str::to_owned);
-        let result =
-            control_point(feature, self.source).and_then(|point| match self.names.insert(point.name.clone()) {
-                true => Ok(point),
-                false => Err("the name occurs earlier in this collection; names are unique".to_owned()),
-            });
-        match result {
-            Ok(point) => self.parsed.control_points.push((index, point)),
-            Err(detail) => self.parsed.rejected.push(Rejection { index, name, detail }),
-        }
-    }
+struct Reader<'e> {
+    each: &'e mut dyn FnMut(usize, Value) -> ControlFlow<()>,
+    /// Whether no more are wanted.
+    ended: bool,
 }
 
 impl<'de> DeserializeSeed<'de> for &mut Reader<'_> {
@@ -159,8 +197,8 @@ impl<'de> Visitor<'de> for &mut Reader<'_> {
     }
 }
 
-/// The array of features, each of which goes straight to the reader.
-struct Features<'r, 'a>(&'r mut Reader<'a>);
+/// The array of features, each of which goes straight on.
+struct Features<'r, 'e>(&'r mut Reader<'e>);
 
 impl<'de> DeserializeSeed<'de> for Features<'_, '_> {
     type Value = ();
@@ -180,42 +218,122 @@ impl<'de> Visitor<'de> for Features<'_, '_> {
     fn visit_seq<A: SeqAccess<'de>>(self, mut sequence: A) -> Result<(), A::Error> {
         let mut index = 0;
         while let Some(feature) = sequence.next_element()? {
-            self.0.take(index, feature);
+            if (self.0.each)(index, feature).is_break() {
+                self.0.ended = true;
+                return Err(A::Error::custom("no more are wanted"));
+            }
             index += 1;
         }
         Ok(())
     }
 }
 
-fn control_point(feature: Value, source: &Source<'_>) -> Result<StoredControlPoint, String> {
+/// The control point of a feature.
+///
+/// # Errors
+/// What is wrong with it and what would be right.
+pub fn control_point(feature: Value, source: &Source<'_>, defaults: Defaults) -> Result<StoredControlPoint, String> {
     let feature: Feature = serde_json::from_value(feature).map_err(|e| format!("not a feature: {e}"))?;
     let properties = feature.properties.ok_or("properties are missing; name and sigma_m are needed")?;
     let name = checked_name(properties.name)?;
-    let sigma_m = checked_sigma(properties.sigma_m)?;
-    let edges_geocentric_m = edges(feature.geometry, source)?;
+    let stated_m = checked_sigma(properties.sigma_m)?;
+    let segments_m = edges(feature.geometry, source)?;
+    let kinds = edge_kinds(properties.edge_kinds, segments_m.len())?;
+    let sigmas_m = edge_sigmas_m(properties.edge_sigma_m, &kinds, stated_m)?;
+    let of_crs_m = source.crs.accuracy_m();
+    let edge = |((geocentric_m, kind), sigma_m): ((Segment3, Option<EdgeKind>), f64)| StoredEdge {
+        geocentric_m,
+        kind,
+        sigma_m: sigma_m.hypot(of_crs_m),
+    };
+    let edges: Vec<StoredEdge> = segments_m.into_iter().zip(kinds).zip(sigmas_m).map(edge).collect();
     let reference_geocentric_m = match properties.reference {
         Some(position) => geocentric(&position, source).map_err(|detail| format!("reference: {detail}"))?,
-        None => {
-            edges_geocentric_m.iter().map(Segment3::midpoint).sum::<Vector3<f64>>() / edges_geocentric_m.len() as f64
-        }
+        None => StoredControlPoint::middle_of(&edges),
     };
-    let point = StoredControlPoint {
+    let validity = Validity {
+        from: properties.valid_from.or(defaults.validity.from),
+        to: properties.valid_to.or(defaults.validity.to),
+    };
+    checked(StoredControlPoint {
         name,
-        sigma_m: sigma_m.hypot(source.crs.accuracy_m()),
+        sigma_m: stated_m.hypot(of_crs_m),
         reference_geocentric_m,
-        edges_geocentric_m,
-    };
-    let extent_m = point.points().map(|p| (p - reference_geocentric_m).norm()).fold(0.0, f64::max);
+        edges,
+        purpose: properties.r#use.unwrap_or(defaults.purpose),
+        validity,
+    })
+}
+
+/// The control point, if it is one building and stands at some time.
+///
+/// # Errors
+/// What is wrong with it.
+pub(super) fn checked(point: StoredControlPoint) -> Result<StoredControlPoint, String> {
+    let extent_m = point.extent_m();
     if extent_m > LARGEST_EXTENT_M {
         return Err(format!(
             "its edges reach {extent_m:.0} m from its reference point, but a control point is one building: at most \
              {LARGEST_EXTENT_M:.0} m"
         ));
     }
-    Ok(point)
+    match (point.validity.from, point.validity.to) {
+        (Some(from), Some(to)) if from > to => Err(format!("valid_from {from} is after valid_to {to}")),
+        _ => Ok(point),
+    }
 }
 
-fn checked_name(name: Option<String>) -> Result<String, String> {
+/// The word for a kind of edge in GeoJSON.
+#[must_use]
+pub fn kind_name(kind: EdgeKind) -> &'static str {
+    match kind {
+        EdgeKind::Eave => "eave",
+        EdgeKind::Ridge => "ridge",
+        EdgeKind::Gable => "gable",
+        EdgeKind::Hip => "hip",
+        EdgeKind::Valley => "valley",
+        EdgeKind::Rim => "rim",
+    }
+}
+
+/// The kind of edge of a word, see [`kind_name`].
+#[must_use]
+pub fn kind_of(name: &str) -> Option<EdgeKind> {
+    use EdgeKind::{Eave, Gable, Hip, Ridge, Rim, Valley};
+    [Eave, Ridge, Gable, Hip, Valley, Rim].into_iter().find(|kind| kind_name(*kind) == name)
+}
+
+fn edge_kinds(given: Option<Vec<Option<String>>>, edges: usize) -> Result<Vec<Option<EdgeKind>>, String> {
+    let Some(names) = given else { return Ok(vec![None; edges]) };
+    if names.len() != edges {
+        return Err(format!("properties.edge_kinds has {} entries for {edges} lines", names.len()));
+    }
+    let kind = |name: &Option<String>| match name {
+        None => Ok(None),
+        Some(name) => kind_of(name).map(Some).ok_or_else(|| {
+            format!("properties.edge_kinds has {name:?}; it may have eave, ridge, gable, hip, valley, rim and null")
+        }),
+    };
+    names.iter().map(kind).collect()
+}
+
+/// As given; else by the kinds of the edges, where these are given.
+fn edge_sigmas_m(given: Option<Vec<f64>>, kinds: &[Option<EdgeKind>], stated_m: f64) -> Result<Vec<f64>, String> {
+    let Some(sigmas_m) = given else {
+        return Ok(kinds.iter().map(|kind| kind.map_or(stated_m, |kind| edge_sigma_m(kind, stated_m))).collect());
+    };
+    if sigmas_m.len() != kinds.len() {
+        return Err(format!("properties.edge_sigma_m has {} entries for {} lines", sigmas_m.len(), kinds.len()));
+    }
+    match sigmas_m.iter().find(|sigma_m| !(**sigma_m > 0.0 && **sigma_m <= LARGEST_SIGMA_M)) {
+        Some(bad) => {
+            Err(format!("properties.edge_sigma_m has {bad}; each must be above 0 and at most {LARGEST_SIGMA_M} m"))
+        }
+        None => Ok(sigmas_m),
+    }
+}
+
+pub(super) fn checked_name(name: Option<String>) -> Result<String, String> {
     let name = name.ok_or("properties.name is missing; each control point needs a unique name")?;
     if name.trim().is_empty() {
         return Err("properties.name is empty; each control point needs a unique name".to_owned());
@@ -270,58 +388,4 @@ fn geocentric(position: &[f64], source: &Source<'_>) -> Result<Vector3<f64>, Str
     let position = <[f64; 3]>::try_from(position)
         .map_err(|_| format!("a position has {} numbers; it must have three, [x, y, z]", position.len()))?;
     source.crs.geocentric_from_position(position, source.geoid_undulation_m).map_err(|e| e.to_string())
-}
-
-/// A control point as a GeoJSON feature, its positions in the CRS asked for.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct ControlPointFeature {
-    /// Always `Feature`.
-    #[schema(example = "Feature")]
-    pub r#type: &'static str,
-    /// Its edges.
-    pub geometry: MultiLineString,
-    /// Its name, accuracy and reference point.
-    pub properties: ControlPointProperties,
-}
-
-/// A GeoJSON `MultiLineString` whose lines are segments of two positions.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct MultiLineString {
-    /// Always `MultiLineString`.
-    #[schema(example = "MultiLineString")]
-    pub r#type: &'static str,
-    /// Lines of two positions `[x, y, z]` each.
-    #[schema(value_type = Vec<Vec<Vec<f64>>>)]
-    pub coordinates: Vec<[[f64; 3]; 2]>,
-}
-
-/// What a control point is called, how good it is, and where its reference point lies.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct ControlPointProperties {
-    /// Its unique name.
-    pub name: String,
-    /// Standard deviation of its coordinates, the accuracy of the transformation from the CRS of its import included.
-    pub sigma_m: f64,
-    /// Its reference point `[x, y, z]`.
-    #[schema(value_type = Vec<f64>)]
-    pub reference: [f64; 3],
-}
-
-/// The feature of a control point; `None` where the CRS does not reach.
-#[must_use]
-pub fn feature(point: &StoredControlPoint, target: &Source<'_>) -> Option<ControlPointFeature> {
-    let position = |geocentric_m| target.crs.position_from_geocentric(geocentric_m, target.geoid_undulation_m).ok();
-    let line = |edge: &Segment3| Some([position(edge.start)?, position(edge.end)?]);
-    Some(ControlPointFeature {
-        r#type: "Feature",
-        geometry: MultiLineString {
-            r#type: "MultiLineString",
-            coordinates: point.edges_geocentric_m.iter().map(line).collect::<Option<_>>()?,
-        },
-        properties: ControlPointProperties {
-            name: point.name.clone(),
-            sigma_m: point.sigma_m,
-            reference: position(point.reference_geocentric_m)?,
-        },
-    })
 }

@@ -1,11 +1,20 @@
 //! The database of control: buildings from GeoJSON, scenes with their pictures, and what may be in view of an image.
 
+pub mod accuracy;
+mod choice;
+mod encoding;
 pub mod geojson;
+mod hilbert;
 pub mod model;
 pub mod near;
 pub mod points;
+pub mod reading;
 pub mod region;
+pub mod report;
 pub mod scenes;
+#[cfg(test)]
+mod set_tests;
+pub mod sets;
 #[cfg(test)]
 mod tests;
 
@@ -13,9 +22,11 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use geojson::{CollectionError, Rejection, Source};
-pub use model::StoredControlPoint;
-pub use near::{Kinds, Near, around};
+pub use model::{StoredControlPoint, Use, Validity};
+pub use near::{Kinds, Near, Wanted, around};
+pub use reading::{FileFormat, ReadError, Reading};
 pub use region::GeodeticBox;
+pub use report::ImportReport;
 pub use scenes::{SceneContent, StoredScene};
 
 /// What becomes of control points whose name is known already.
@@ -27,19 +38,8 @@ pub enum Mode {
     /// They are updated.
     #[default]
     Upsert,
-    /// They are updated, and all control points that are not in the collection are removed.
+    /// They are updated, and all control points of the set that are not in the collection are removed.
     Replace,
-}
-
-/// What an import did.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, ToSchema)]
-pub struct ImportReport {
-    /// Control points that are new.
-    pub imported: usize,
-    /// Control points whose name was known and that were given their new content.
-    pub updated: usize,
-    /// Features that did not become control points; they never lose the others.
-    pub rejected: Vec<Rejection>,
 }
 
 /// Why the control points cannot be read or written.

@@ -1,11 +1,17 @@
 //! Which control points and scenes may be in view of an image? Generous: what is certainly out of view is left out, the selection
 //! of those that orient it best is the prediction's.
 
+use std::collections::HashMap;
+
+use chrono::NaiveDate;
 use nalgebra::{Vector2, Vector3};
 
+use super::choice::chosen_of_many;
+use super::model::Use;
+use super::points::{Filter, Kept};
 use super::region::{GeodeticBox, longitude_latitude_deg};
 use super::scenes::{self, StoredScene};
-use super::{ControlError, points};
+use super::{ControlError, points, sets};
 use crate::database::Database;
 use crate::geometry::LocalFrame;
 use crate::orientation::ControlPoint;
@@ -18,6 +24,10 @@ pub struct Reach {
     pub farthest_m: f64,
     /// If more may be in view, those nearest to the middle of the view are taken.
     pub most: usize,
+    /// Of more than this the best are chosen: well spread, distinctive, large and not hidden by others.
+    pub most_chosen: usize,
+    /// The most buildings that are only checked with, those nearest to the middle of the view.
+    pub most_check: usize,
     /// The most scenes: each costs decoding its picture and describing what it shows.
     pub most_scenes: usize,
     /// The most pixels of all their pictures together.
@@ -26,7 +36,7 @@ pub struct Reach {
     pub most_scene_bytes: u64,
 }
 
-/// Which control is wanted.
+/// Kinds of control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Kinds {
     /// Roof lines of buildings.
@@ -35,11 +45,24 @@ pub struct Kinds {
     pub scenes: bool,
 }
 
+/// Which control is wanted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wanted {
+    /// Of which kinds.
+    pub kinds: Kinds,
+    /// Of which sets the buildings are to be; `None`: of all.
+    pub sets: Option<Vec<String>>,
+    /// When the image was taken: buildings that did not stand then are left out. `None`: whenever they stand.
+    pub date: Option<NaiveDate>,
+}
+
 /// What may be in view.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Near {
     /// Buildings in the local frame, by name.
     pub lines: Vec<ControlPoint>,
+    /// Buildings that an orientation is checked with, and never found by; by name.
+    pub check: Vec<ControlPoint>,
     /// Scenes whose pictures are not read yet, by name.
     pub scenes: Vec<StoredScene>,
 }
@@ -49,6 +72,8 @@ impl Default for Reach {
         Self {
             farthest_m: 20_000.0,
             most: 5_000,
+            most_chosen: 500,
+            most_check: 1_000,
             most_scenes: 60,
             most_scene_pixels: 64_000_000,
             most_scene_bytes: 64 << 20,
@@ -78,11 +103,12 @@ pub async fn around(
     half_view_rad: f64,
     approximation: &Approximation,
     reach: Reach,
-    kinds: Kinds,
+    wanted: &Wanted,
 ) -> Result<Near, ControlError> {
+    let filter = Filter { sets: wanted.sets.clone(), date: wanted.date, name: None };
     let centre_m = approximation.orientation.projection_centre_m;
     let place = longitude_latitude_deg(frame.to_geocentric(centre_m));
-    let Some(ground_m) = median_height_m(database, frame, place, reach).await? else {
+    let Some(ground_m) = median_height_m(database, frame, place, reach, &filter).await? else {
         return Ok(Near::default());
     };
     // the pipeline may search a second time, wider
@@ -91,18 +117,28 @@ pub async fn around(
     let radius_m = view_radius_m(half_view_rad, widest, ground_m).min(reach.farthest_m);
     let region = GeodeticBox::around_place(place, radius_m);
     let mut near = Near::default();
-    if kinds.lines {
-        let horizontal_m = |point: &ControlPoint| (point.reference_m - centre_m).xy().norm();
-        let candidates = points::in_box(database, region, 0, usize::MAX).await?;
-        let candidates = candidates.iter().map(|(_, stored)| stored.in_frame(frame));
-        near.lines = candidates.filter(|point| horizontal_m(point) <= radius_m + extent_m(point)).collect();
-        if near.lines.len() > reach.most {
-            near.lines.sort_by(|a, b| horizontal_m(a).total_cmp(&horizontal_m(b)));
-            near.lines.truncate(reach.most);
-        }
-        near.lines.sort_by(|a, b| a.name.cmp(&b.name));
+    if wanted.kinds.lines {
+        let kept = latest(points::in_box(database, region, &filter, 0, usize::MAX).await?, &surveys(database).await?);
+        let near_enough =
+            |point: &ControlPoint| (point.reference_m - centre_m).xy().norm() <= radius_m + extent_m(point);
+        let in_frame = |purpose: Use| {
+            let points = kept.iter().filter(move |kept| kept.point.purpose == purpose);
+            points.map(|kept| kept.point.in_frame(frame)).filter(near_enough).collect::<Vec<_>>()
+        };
+        let nearest = |mut points: Vec<ControlPoint>, most: usize| {
+            let horizontal_m = |point: &ControlPoint| (point.reference_m - centre_m).xy().norm();
+            if points.len() > most {
+                points.sort_by(|a, b| horizontal_m(a).total_cmp(&horizontal_m(b)));
+                points.truncate(most);
+            }
+            points.sort_by(|a, b| a.name.cmp(&b.name));
+            points
+        };
+        let lines = nearest(in_frame(Use::Control), reach.most);
+        near.lines = chosen_of_many(lines, centre_m, reach.most_chosen);
+        near.check = nearest(in_frame(Use::Check), reach.most_check);
     }
-    if kinds.scenes {
+    if wanted.kinds.scenes {
         let in_frame = |(_, scene): (i64, StoredScene)| {
             let place_m = frame.from_geocentric(scene.content.reference_geocentric_m).xy();
             Candidate { scene, place_m }
@@ -114,6 +150,23 @@ pub async fn around(
         near.scenes.sort_by(|a, b| a.content.name.cmp(&b.content.name));
     }
     Ok(near)
+}
+
+/// When each set was surveyed, by its number.
+async fn surveys(database: &Database) -> Result<HashMap<i64, Option<i64>>, ControlError> {
+    Ok(sets::all(database).await?.into_iter().map(|set| (set.id, set.survey_year)).collect())
+}
+
+/// Of buildings of the same name in several sets the one that was surveyed last: an image is not to be oriented by the
+/// same building twice, nor by what it was before it was rebuilt.
+fn latest(mut kept: Vec<Kept>, surveys: &HashMap<i64, Option<i64>>) -> Vec<Kept> {
+    if kept.windows(2).all(|pair| pair[0].set_id == pair[1].set_id) {
+        return kept;
+    }
+    let survey = |kept: &Kept| (surveys.get(&kept.set_id).copied().flatten(), kept.id);
+    kept.sort_by(|a, b| a.point.name.cmp(&b.point.name).then_with(|| survey(b).cmp(&survey(a))));
+    kept.dedup_by(|later, first| later.point.name == first.point.name);
+    kept
 }
 
 /// A scene with where its reference lies in the local frame.
@@ -186,13 +239,14 @@ async fn median_height_m(
     frame: &LocalFrame,
     place: [f64; 2],
     reach: Reach,
+    filter: &Filter,
 ) -> Result<Option<f64>, ControlError> {
     let mut radius_m = FIRST_RADIUS_M.min(reach.farthest_m);
     loop {
         let region = GeodeticBox::around_place(place, radius_m);
-        let buildings = points::in_box(database, region, 0, HEIGHTS).await?;
+        let buildings = points::in_box(database, region, filter, 0, HEIGHTS).await?;
         let scenes = scenes::in_box(database, region, 0, HEIGHTS).await?;
-        let buildings = buildings.iter().map(|(_, point)| point.reference_geocentric_m);
+        let buildings = buildings.iter().map(|kept| kept.point.reference_geocentric_m);
         let references = buildings.chain(scenes.iter().map(|(_, scene)| scene.content.reference_geocentric_m));
         let heights_m: Vec<f64> = references.map(|reference| frame.from_geocentric(reference).z).collect();
         let last = radius_m >= reach.farthest_m;

@@ -1,149 +1,45 @@
-//! The control points in the database: import in batches, and what lies in a rectangle of longitude and latitude. SQLite
+//! The control points in the database: what lies in a rectangle of longitude and latitude, and import in batches. SQLite
 //! has an R*Tree for it, PostgreSQL an index of boxes.
 
+mod import;
 mod listed;
+mod resume;
+mod rows;
+mod write;
 
-use std::collections::HashSet;
+use chrono::NaiveDate;
 
-use nalgebra::Vector3;
-use sqlx::{AssertSqlSafe, FromRow};
-
-use super::geojson::{Parsed, Rejection};
+use super::ControlError;
 use super::model::StoredControlPoint;
-use super::region::{GeodeticBox, longitude_latitude_deg};
-use super::{ControlError, ImportReport, Mode};
-use crate::database::{Database, Dialects, Query, Record, TEXTS, Transaction, query};
+use super::region::GeodeticBox;
+use super::sets::counted;
+use crate::database::{Database, Dialects, Query, Record, Transaction, query};
+use rows::Row;
 
-pub use listed::{Wanted, extent, listed};
+pub use import::{Import, ImportError, Step, import};
+pub use listed::{extent, listed};
+pub use resume::FileIdentity;
 
-/// So many control points are written in one transaction: large enough that waiting for the disk does not count,
-/// small enough that others get to write in between.
-const BATCH: usize = 2_000;
-
-/// Writes the good features of a collection. `progress` is told how many are done after each batch.
-///
-/// `replace` is one transaction: all control points that are not in the collection are removed, but only if the
-/// collection has at least one good feature.
-///
-/// # Errors
-/// [`ControlError`] if the database fails; what was written in earlier batches stays.
-pub async fn import(
-    database: &Database,
-    parsed: Parsed,
-    mode: Mode,
-    mut progress: impl FnMut(usize),
-) -> Result<ImportReport, ControlError> {
-    let mut report = ImportReport { rejected: parsed.rejected, ..ImportReport::default() };
-    let batch = if mode == Mode::Replace { parsed.control_points.len().max(1) } else { BATCH };
-    let mut done = 0;
-    for (number, points) in parsed.control_points.chunks(batch).enumerate() {
-        let mut transaction = database.begin_alone().await?;
-        if mode == Mode::Replace && number == 0 {
-            remove_all_but(&mut transaction, points).await?;
-        }
-        write_batch(&mut transaction, points, mode, &mut report).await?;
-        transaction.commit().await?;
-        done += points.len();
-        progress(done);
-    }
-    report.rejected.sort_by_key(|rejection| rejection.index);
-    Ok(report)
+/// A control point of the database.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kept {
+    /// The number of its row.
+    pub id: i64,
+    /// The number of its set's row.
+    pub set_id: i64,
+    /// What it is.
+    pub point: StoredControlPoint,
 }
 
-async fn write_batch(
-    transaction: &mut Transaction,
-    points: &[(usize, StoredControlPoint)],
-    mode: Mode,
-    report: &mut ImportReport,
-) -> Result<(), ControlError> {
-    let known = known_names(transaction, points).await?;
-    for (index, point) in points {
-        let known = known.contains(point.name.as_str());
-        if known && mode == Mode::Insert {
-            let detail = "a control point of this name exists already; mode=upsert would update it".to_owned();
-            report.rejected.push(Rejection { index: *index, name: Some(point.name.clone()), detail });
-            continue;
-        }
-        write(transaction, point).await?;
-        match known {
-            true => report.updated += 1,
-            false => report.imported += 1,
-        }
-    }
-    Ok(())
-}
-
-fn names_as_json(points: &[(usize, StoredControlPoint)]) -> String {
-    serde_json::json!(points.iter().map(|(_, point)| &point.name).collect::<Vec<_>>()).to_string()
-}
-
-async fn known_names(
-    transaction: &mut Transaction,
-    points: &[(usize, StoredControlPoint)],
-) -> Result<HashSet<String>, ControlError> {
-    let names: Vec<String> =
-        query(AssertSqlSafe(format!("SELECT name FROM control_points WHERE name IN {}", transaction.dialect(TEXTS))))
-            .bind(names_as_json(points))
-            .fetch_values(transaction)
-            .await?;
-    Ok(names.into_iter().collect())
-}
-
-async fn remove_all_but(
-    transaction: &mut Transaction,
-    points: &[(usize, StoredControlPoint)],
-) -> Result<(), ControlError> {
-    let kept = names_as_json(points);
-    let others = format!("SELECT id FROM control_points WHERE name NOT IN {}", transaction.dialect(TEXTS));
-    if let Transaction::Sqlite(_) = transaction {
-        let boxes = format!("DELETE FROM control_point_boxes WHERE id IN ({others})");
-        query(AssertSqlSafe(boxes)).bind(&kept).execute(&mut *transaction).await?;
-    }
-    let points = format!("DELETE FROM control_points WHERE id IN ({others})");
-    query(AssertSqlSafe(points)).bind(&kept).execute(transaction).await?;
-    Ok(())
-}
-
-async fn write(transaction: &mut Transaction, point: &StoredControlPoint) -> Result<(), ControlError> {
-    let bounds = GeodeticBox::around_points(point.points().map(longitude_latitude_deg));
-    let reference = point.reference_geocentric_m;
-    let row = query(transaction.dialect(WRITE))
-        .bind(&point.name)
-        .bind(point.sigma_m)
-        .bind(reference.x)
-        .bind(reference.y)
-        .bind(reference.z)
-        .bind(point.edges_to_bytes());
-    if let Transaction::Postgres(_) = transaction {
-        with_box(row, bounds).execute(transaction).await?;
-        return Ok(());
-    }
-    let id: i64 = row.fetch_value(&mut *transaction).await?;
-    let boxes = "INSERT OR REPLACE INTO control_point_boxes (id, min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg)
-                 VALUES ($1, $2, $3, $4, $5)";
-    with_box(query(boxes).bind(id), bounds).execute(transaction).await?;
-    Ok(())
-}
-
-/// PostgreSQL keeps the box in the row, SQLite in its R*Tree.
-const WRITE: Dialects = Dialects {
-    sqlite: "INSERT INTO control_points (name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges)
-             VALUES ($1, $2, $3, $4, $5, $6)
-             ON CONFLICT (name) DO UPDATE SET sigma_m = excluded.sigma_m, reference_x_m = excluded.reference_x_m,
-                 reference_y_m = excluded.reference_y_m, reference_z_m = excluded.reference_z_m,
-                 edges = excluded.edges
-             RETURNING id",
-    postgres: "INSERT INTO control_points
-                   (name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges, extent)
-               VALUES ($1, $2, $3, $4, $5, $6, box(point($7, $9), point($8, $10)))
-               ON CONFLICT (name) DO UPDATE SET sigma_m = excluded.sigma_m, reference_x_m = excluded.reference_x_m,
-                   reference_y_m = excluded.reference_y_m, reference_z_m = excluded.reference_z_m,
-                   edges = excluded.edges, extent = excluded.extent",
-};
-
-/// The four parameters of a box: least and largest longitude, least and largest latitude.
-pub(super) fn with_box(query: Query, bounds: GeodeticBox) -> Query {
-    query.bind(bounds.min_lon_deg).bind(bounds.max_lon_deg).bind(bounds.min_lat_deg).bind(bounds.max_lat_deg)
+/// Which control points are asked for.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Filter {
+    /// Only those of the sets of these names.
+    pub sets: Option<Vec<String>>,
+    /// Only those that stand like this on that day.
+    pub date: Option<NaiveDate>,
+    /// Only those with this in their name, in small or capital letters.
+    pub name: Option<String>,
 }
 
 /// The control points whose box touches `region`, by ascending id, from the first one after `after`, at most `limit`;
@@ -154,32 +50,60 @@ pub(super) fn with_box(query: Query, bounds: GeodeticBox) -> Query {
 pub async fn in_box(
     database: &Database,
     region: GeodeticBox,
+    filter: &Filter,
     after: i64,
     limit: usize,
-) -> Result<Vec<(i64, StoredControlPoint)>, ControlError> {
-    let rows: Vec<Row> = rows_in_box(database, IN_BOX, region, (after, limit), |query| query).await?;
-    rows.into_iter().map(Row::with_id).collect()
+) -> Result<Vec<Kept>, ControlError> {
+    let rows: Vec<Row> = rows_in_box(database, IN_BOX, region, (after, limit), |query| filter.bound(query)).await?;
+    rows.into_iter().map(Kept::try_from).collect()
 }
 
-/// The parameters are those of the box, the id after which the rows begin, and how many there are at most. CROSS JOIN
-/// keeps SQLite from walking through all points in the order that is wanted; the materialized part keeps PostgreSQL from
-/// it.
+/// The parameters are those of the box, the id after which the rows begin, how many there are at most, and those of the
+/// [`Filter`]. CROSS JOIN keeps SQLite from walking through all points in the order that is wanted; the materialized part
+/// keeps PostgreSQL from it.
 const IN_BOX: Dialects = Dialects {
-    sqlite: "SELECT p.id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges
+    sqlite: "SELECT p.id, set_id, name, is_check, valid_from, valid_to, sigma_m, reference_x_m, reference_y_m,
+                 reference_z_m, edges
              FROM control_point_boxes b CROSS JOIN control_points p ON p.id = b.id
              WHERE b.max_lon_deg >= $1 AND b.min_lon_deg <= $2 AND b.max_lat_deg >= $3 AND b.min_lat_deg <= $4
                  AND b.id > $5
+                 AND ($7 IS NULL OR set_id IN
+                     (SELECT id FROM control_sets WHERE name IN (SELECT value FROM json_each($7))))
+                 AND ($8 IS NULL OR COALESCE(valid_from, $8) <= $8 AND COALESCE(valid_to, $8) >= $8)
+                 AND ($9 IS NULL OR lower(name) LIKE lower($9) ESCAPE '\\')
              ORDER BY p.id LIMIT $6",
     postgres: "WITH near AS MATERIALIZED (
-                   SELECT id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges FROM control_points
-                   WHERE extent && box(point($1, $3), point($2, $4)))
-               SELECT * FROM near WHERE id > $5 ORDER BY id LIMIT $6",
+                   SELECT id, set_id, name, is_check, valid_from, valid_to, sigma_m, reference_x_m, reference_y_m,
+                       reference_z_m, edges
+                   FROM control_points WHERE extent && box(point($1, $3), point($2, $4)))
+               SELECT * FROM near
+               WHERE id > $5
+                   AND ($7::text IS NULL OR set_id IN
+                       (SELECT id FROM control_sets WHERE name IN (SELECT json_array_elements_text($7::json))))
+                   AND ($8::date IS NULL OR COALESCE(valid_from, $8) <= $8 AND COALESCE(valid_to, $8) >= $8)
+                   AND ($9::text IS NULL OR lower(name) LIKE lower($9) ESCAPE '\\')
+               ORDER BY id LIMIT $6",
 };
+
+impl Filter {
+    /// Binds what [`IN_BOX`] has after the box.
+    fn bound(&self, query: Query) -> Query {
+        let sets = self.sets.as_ref().map(|sets| serde_json::json!(sets).to_string());
+        let pattern = self.name.as_deref().map(crate::database::containing);
+        query.bind(sets).bind(self.date).bind(pattern)
+    }
+}
 
 /// The search of one box, to look at how it is answered.
 #[cfg(test)]
 pub(super) fn searched(database: &Database, region: GeodeticBox) -> Query {
-    with_box(query(database.dialect(IN_BOX)), region).bind(0_i64).bind(i64::MAX)
+    let query = with_box(query(database.dialect(IN_BOX)), region).bind(0_i64).bind(i64::MAX);
+    Filter::default().bound(query)
+}
+
+/// The four parameters of a box: least and largest longitude, least and largest latitude.
+pub(super) fn with_box(query: Query, bounds: GeodeticBox) -> Query {
+    query.bind(bounds.min_lon_deg).bind(bounds.max_lon_deg).bind(bounds.min_lat_deg).bind(bounds.max_lat_deg)
 }
 
 /// A row with its number.
@@ -210,29 +134,42 @@ pub(super) async fn rows_in_box<R: Record + Numbered>(
     Ok(found)
 }
 
-/// The control point of a name.
+/// The control point of a name in a set.
 ///
 /// # Errors
 /// [`ControlError`] if the database fails.
-pub async fn by_name(database: &Database, name: &str) -> Result<Option<StoredControlPoint>, ControlError> {
-    let named = query("SELECT ").then(COLUMNS).then(" FROM control_points WHERE name = ?").bind(name);
-    let row: Option<Row> = named.fetch_optional(database).await?;
-    row.map(|row| Ok(row.with_id()?.1)).transpose()
+pub async fn by_name(database: &Database, set: &str, name: &str) -> Result<Option<Kept>, ControlError> {
+    let row: Option<Row> = query(
+        "SELECT * FROM control_points WHERE set_id = (SELECT id FROM control_sets WHERE name = $1) AND name = $2",
+    )
+    .bind(set)
+    .bind(name)
+    .fetch_optional(database)
+    .await?;
+    row.map(Kept::try_from).transpose()
 }
 
-/// Removes the control point of a name; `false` if there is none.
+/// Removes the control point of a name in a set; `false` if there is none.
 ///
 /// # Errors
 /// [`ControlError`] if the database fails.
-pub async fn remove(database: &Database, name: &str) -> Result<bool, ControlError> {
+pub async fn remove(database: &Database, set: &str, name: &str) -> Result<bool, ControlError> {
     let mut transaction = database.begin().await?;
-    let removed = query("DELETE FROM control_points WHERE name = $1 RETURNING id").bind(name);
-    let id: Option<i64> = removed.fetch_optional_value(&mut transaction).await?;
-    if let (Some(id), Transaction::Sqlite(_)) = (id, &transaction) {
+    let removed: Option<(i64, i64)> = query(
+        "DELETE FROM control_points WHERE set_id = (SELECT id FROM control_sets WHERE name = $1) AND name = $2
+         RETURNING id, set_id",
+    )
+    .bind(set)
+    .bind(name)
+    .fetch_optional(&mut transaction)
+    .await?;
+    let Some((id, set_id)) = removed else { return Ok(false) };
+    if let Transaction::Sqlite(_) = &transaction {
         query("DELETE FROM control_point_boxes WHERE id = $1").bind(id).execute(&mut transaction).await?;
     }
+    counted(&mut transaction, set_id, -1).await?;
     transaction.commit().await?;
-    Ok(id.is_some())
+    Ok(true)
 }
 
 /// How many control points there are.
@@ -240,40 +177,7 @@ pub async fn remove(database: &Database, name: &str) -> Result<bool, ControlErro
 /// # Errors
 /// [`ControlError`] if the database fails.
 pub async fn count(database: &Database) -> Result<u64, ControlError> {
-    let count: i64 = query("SELECT count(*) FROM control_points").fetch_value(database).await?;
-    Ok(count.unsigned_abs())
-}
-
-/// The columns of a [`Row`].
-const COLUMNS: &str = "id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges";
-
-#[derive(FromRow)]
-struct Row {
-    id: i64,
-    name: String,
-    sigma_m: f64,
-    reference_x_m: f64,
-    reference_y_m: f64,
-    reference_z_m: f64,
-    edges: Vec<u8>,
-}
-
-impl Numbered for Row {
-    fn id(&self) -> i64 {
-        self.id
-    }
-}
-
-impl Row {
-    fn with_id(self) -> Result<(i64, StoredControlPoint), ControlError> {
-        let edges_geocentric_m = StoredControlPoint::edges_from_bytes(&self.edges)
-            .ok_or_else(|| ControlError::Damaged { name: self.name.clone() })?;
-        let point = StoredControlPoint {
-            name: self.name,
-            sigma_m: self.sigma_m,
-            reference_geocentric_m: Vector3::new(self.reference_x_m, self.reference_y_m, self.reference_z_m),
-            edges_geocentric_m,
-        };
-        Ok((self.id, point))
-    }
+    let count: Option<i64> =
+        query("SELECT CAST(sum(points) AS BIGINT) FROM control_sets").fetch_value(database).await?;
+    Ok(count.unwrap_or_default().unsigned_abs())
 }

@@ -7,6 +7,15 @@ use crate::geometry::LocalFrame;
 /// WGS 84's polar radius is the smaller one: with it a distance never gives too small an angle.
 const SMALLEST_RADIUS_M: f64 = 6_335_000.0;
 
+/// WGS 84.
+const EQUATOR_M: f64 = 6_378_137.0;
+const ECCENTRICITY_SQUARED: f64 = 6.694_379_990_14e-3;
+/// Nearer to a pole than this, and beyond this extent, a box is made of its points.
+const HIGHEST_LATITUDE_DEG: f64 = 80.0;
+const LARGEST_BUILDING_M: f64 = 5_000.0;
+/// Below the ellipsoid degrees are shorter: by this at a kilometre below it.
+const HEIGHT_SHARE: f64 = 2e-4;
+
 /// A rectangle of longitude and latitude. Longitudes may leave -180 to 180 where it crosses the antimeridian, and
 /// `min_lon_deg` lies in -180 to 180 for what is stored.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,6 +51,38 @@ impl GeodeticBox {
             bounds.max_lat_deg = bounds.max_lat_deg.max(lat_deg);
         }
         bounds
+    }
+
+    /// A box around a building, too large by some millimetres, and never too small: its points are brought to the tangent
+    /// plane at its reference point, which is many times faster than finding the longitude and latitude of each.
+    #[must_use]
+    pub fn around_building(
+        reference_geocentric_m: Vector3<f64>,
+        points_geocentric_m: impl Iterator<Item = Vector3<f64>> + Clone,
+    ) -> Self {
+        let frame = LocalFrame::about(reference_geocentric_m);
+        let (lon_deg, lat_deg) = (frame.longitude_deg(), frame.latitude_deg());
+        let locals_m = points_geocentric_m.clone().map(|point| frame.from_geocentric(point));
+        let reference_m = frame.from_geocentric(reference_geocentric_m);
+        let zero = reference_m.xy();
+        let (least_m, largest_m) = locals_m.fold((zero, zero), |(a, b), p| (a.inf(&p.xy()), b.sup(&p.xy())));
+        let reach_m = least_m.norm().max(largest_m.norm());
+        if lat_deg.abs() > HIGHEST_LATITUDE_DEG || reach_m > LARGEST_BUILDING_M {
+            return Self::around_points(points_geocentric_m.map(longitude_latitude_deg));
+        }
+        let (sin, cos) = lat_deg.to_radians().sin_cos();
+        let w = (1.0 - ECCENTRICITY_SQUARED * sin * sin).sqrt();
+        let east_radius_m = EQUATOR_M / w * cos;
+        let north_radius_m = EQUATOR_M * (1.0 - ECCENTRICITY_SQUARED) / w.powi(3);
+        // what the curvature and the convergence of the meridians make at that distance, and heights below the ellipsoid
+        let margin_m = reach_m * reach_m / north_radius_m * (1.0 + sin.abs() / cos) + reach_m * HEIGHT_SHARE;
+        let degrees = |offset_m: f64, margin_m: f64, radius_m: f64| ((offset_m + margin_m) / radius_m).to_degrees();
+        Self {
+            min_lon_deg: lon_deg + degrees(least_m.x, -margin_m, east_radius_m),
+            max_lon_deg: lon_deg + degrees(largest_m.x, margin_m, east_radius_m),
+            min_lat_deg: lat_deg + degrees(least_m.y, -margin_m, north_radius_m),
+            max_lat_deg: lat_deg + degrees(largest_m.y, margin_m, north_radius_m),
+        }
     }
 
     /// A box that holds everything within `radius_m` of a place.
@@ -102,6 +143,29 @@ mod tests {
     fn a_building_on_the_antimeridian_has_a_small_box() {
         let bounds = GeodeticBox::around_points([[179.9999, -17.0], [-179.9998, -16.9999]]);
         assert!((bounds.max_lon_deg - bounds.min_lon_deg - 0.0003).abs() < 1e-9, "{bounds:?}");
+    }
+
+    #[test]
+    fn the_box_of_a_building_holds_its_points_and_little_more() {
+        for (lon_deg, lat_deg, reach_m) in
+            [(7.0, 51.0, 20.0), (179.9999, -17.0, 30.0), (0.0, 79.0, 800.0), (5.0, 89.0, 50.0)]
+        {
+            let frame = LocalFrame::at(lon_deg, lat_deg, 900.0);
+            let offsets = [(-1.0, 0.3), (0.7, 1.0), (0.1, -0.9), (1.0, 0.2)];
+            let points = offsets.map(|(x, y)| frame.to_geocentric(Vector3::new(reach_m * x, reach_m * y, 8.0)));
+            let fast = GeodeticBox::around_building(points[0], points.into_iter());
+            let exact = GeodeticBox::around_points(points.map(longitude_latitude_deg));
+            let cos = f64::cos(lat_deg.to_radians());
+            let margins_m = [
+                (exact.min_lon_deg - fast.min_lon_deg) * 111_320.0 * cos,
+                (fast.max_lon_deg - exact.max_lon_deg) * 111_320.0 * cos,
+                (exact.min_lat_deg - fast.min_lat_deg) * 111_320.0,
+                (fast.max_lat_deg - exact.max_lat_deg) * 111_320.0,
+            ];
+            // at 79 degrees the meridians converge within the building
+            let most_m = 0.001 * reach_m + reach_m * reach_m / 80_000.0;
+            assert!(margins_m.iter().all(|m| (-1e-6..most_m).contains(m)), "{lat_deg}: {margins_m:?} of {most_m}");
+        }
     }
 
     #[test]

@@ -87,6 +87,7 @@ impl SceneContent {
             sigma_m: self.sigma_m,
             reference_m: frame.from_geocentric(self.reference_geocentric_m),
             edges_m: Vec::new(),
+            edge_sigmas_m: Vec::new(),
             scene: Some(Arc::new(scene)),
         }
     }

@@ -7,37 +7,70 @@ use crate::database::{Database, query};
 use crate::geometry::{Brown, Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
 use crate::pipeline::Approximation;
 use near::Reach;
+use points::{Filter, Import};
+use sets::{DEFAULT_SET, NewSet};
 
-fn geographic() -> Crs {
+pub(super) fn geographic() -> Crs {
     Crs::parse("EPSG:4979").unwrap()
 }
 
-async fn database() -> Database {
+pub(super) async fn database() -> Database {
     match crate::store::scratch::database_url().await {
         Some(url) => Database::postgres(&url).await.unwrap(),
         None => Database::in_memory().await.unwrap(),
     }
 }
 
-fn feature(name: &str, lon: f64, lat: f64, height: f64) -> Value {
+pub(super) fn feature(name: &str, lon: f64, lat: f64, height: f64) -> Value {
     json!({"type": "Feature", "properties": {"name": name, "sigma_m": 0.1},
         "geometry": {"type": "MultiLineString", "coordinates": [
             [[lon, lat, height], [lon + 1e-4, lat, height]],
             [[lon + 1e-4, lat, height], [lon + 1e-4, lat + 1e-4, height + 3.0]]]}})
 }
 
-fn collection(features: &[Value]) -> Vec<u8> {
+pub(super) fn collection(features: &[Value]) -> Vec<u8> {
     json!({"type": "FeatureCollection", "features": features}).to_string().into_bytes()
 }
 
+/// GeoJSON with positions in EPSG:4979.
+pub(super) fn reading() -> Reading {
+    Reading {
+        format: FileFormat::GeoJson,
+        crs: Some(geographic()),
+        geoid_undulation_m: None,
+        defaults: geojson::Defaults::default(),
+        heights_assumed: std::sync::Arc::default(),
+    }
+}
+
 async fn import(database: &Database, body: &[u8], mode: Mode) -> ImportReport {
-    let crs = geographic();
-    let parsed = geojson::parse(body, &Source { crs: &crs, geoid_undulation_m: None }).unwrap();
-    points::import(database, parsed, mode, |_| {}).await.unwrap()
+    import_to(database, DEFAULT_SET, body, mode).await
+}
+
+pub(super) async fn import_to(database: &Database, set: &str, body: &[u8], mode: Mode) -> ImportReport {
+    let import = Import { set: NewSet { name: set.into(), ..NewSet::default() }, mode, ..Import::default() };
+    let body = body.to_vec();
+    points::import(database, &import, reading(), move |reading, each| reading.read(&mut &body[..], each), |_| {})
+        .await
+        .unwrap()
 }
 
 fn counts(report: &ImportReport) -> (usize, usize, usize) {
+    assert_eq!(report.rejected.len(), report.rejected_count);
     (report.imported, report.updated, report.rejected.len())
+}
+
+async fn by_name(database: &Database, name: &str) -> Option<StoredControlPoint> {
+    points::by_name(database, DEFAULT_SET, name).await.unwrap().map(|kept| kept.point)
+}
+
+/// All there is in a box, whatever set it is of.
+async fn in_box(database: &Database, region: GeodeticBox, after: i64, limit: usize) -> Vec<points::Kept> {
+    points::in_box(database, region, &Filter::default(), after, limit).await.unwrap()
+}
+
+async fn listed(database: &Database, after: i64, limit: usize) -> Vec<points::Kept> {
+    points::listed(database, None, &Filter::default(), after, limit).await.unwrap()
 }
 
 #[tokio::test]
@@ -53,14 +86,14 @@ async fn modes_do_what_they_say() {
     assert_eq!(points::count(&pool).await.unwrap(), 3);
     // the box moved with it
     let there = GeodeticBox::around_place([16.8, 52.7], 100.0);
-    assert_eq!(points::in_box(&pool, there, 0, 10).await.unwrap().len(), 1);
+    assert_eq!(in_box(&pool, there, 0, 10).await.len(), 1);
     let before = GeodeticBox::around_place([16.7, 52.7], 100.0);
-    assert_eq!(points::in_box(&pool, before, 0, 10).await.unwrap().len(), 0);
+    assert_eq!(in_box(&pool, before, 0, 10).await.len(), 0);
     let only = collection(&[feature("c", 16.9, 52.7, 70.0), feature("d", 16.9, 52.8, 70.0)]);
     assert_eq!(counts(&import(&pool, &only, Mode::Replace).await), (1, 1, 0));
     assert_eq!(points::count(&pool).await.unwrap(), 2);
-    assert!(points::by_name(&pool, "a").await.unwrap().is_none());
-    assert_eq!(points::listed(&pool, points::Wanted::default(), 0, 10).await.unwrap().len(), 2);
+    assert!(by_name(&pool, "a").await.is_none());
+    assert_eq!(listed(&pool, 0, 10).await.len(), 2);
 }
 
 #[tokio::test]
@@ -136,11 +169,15 @@ async fn positions_come_back_in_the_crs_asked_for_and_heights_as_they_were_given
     let pool = database().await;
     let crs = geographic();
     let with_undulation = Source { crs: &crs, geoid_undulation_m: Some(38.0) };
-    let parsed = geojson::parse(&collection(&[feature("a", 16.6, 52.7, 70.0)]), &with_undulation).unwrap();
-    points::import(&pool, parsed, Mode::Upsert, |_| {}).await.unwrap();
-    let stored = points::by_name(&pool, "a").await.unwrap().unwrap();
-    let back = geojson::feature(&stored, &with_undulation).unwrap();
-    let ellipsoidal = geojson::feature(&stored, &Source { crs: &crs, geoid_undulation_m: None }).unwrap();
+    let body = collection(&[feature("a", 16.6, 52.7, 70.0)]);
+    let reading = Reading { geoid_undulation_m: Some(38.0), ..reading() };
+    let import = Import::default();
+    points::import(&pool, &import, reading, move |reading, each| reading.read(&mut &body[..], each), |_| {})
+        .await
+        .unwrap();
+    let stored = by_name(&pool, "a").await.unwrap();
+    let back = geojson::feature(&stored, DEFAULT_SET, &with_undulation).unwrap();
+    let ellipsoidal = geojson::feature(&stored, DEFAULT_SET, &Source { crs: &crs, geoid_undulation_m: None }).unwrap();
     let ([start, _], [above, _]) = (back.geometry.coordinates[0], ellipsoidal.geometry.coordinates[0]);
     assert!((start[0] - 16.6).abs() < 1e-11 && (start[1] - 52.7).abs() < 1e-11 && (start[2] - 70.0).abs() < 1e-6);
     assert!((above[2] - 108.0).abs() < 1e-6);
@@ -160,7 +197,7 @@ async fn the_accuracy_of_the_crs_is_added_to_that_of_the_coordinates() {
     assert_eq!(stored.sigma_m, 0.1_f64.hypot(crs.accuracy_m()));
 }
 
-fn nadir(camera_height_m: f64) -> (Camera, Approximation) {
+pub(super) fn nadir(camera_height_m: f64) -> (Camera, Approximation) {
     let camera = Camera::new([4000, 3000], 3000.0, Vector2::new(2000.0, 1500.0), Brown::default()).unwrap();
     let approximation = Approximation {
         orientation: ExteriorOrientation {
@@ -196,14 +233,17 @@ async fn what_may_be_in_view_is_found(#[case] lon: f64) {
     let report = import(&pool, &collection(&features.collect::<Vec<_>>()), Mode::Upsert).await;
     assert_eq!(counts(&report), (41 * 41, 0, 0), "{:?}", report.rejected.first());
     let (camera, approximation) = nadir(580.0);
-    let found =
-        around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), BOTH).await.unwrap().lines;
+    let found = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), &anything(BOTH))
+        .await
+        .unwrap()
+        .lines;
     let distance = |point: &crate::orientation::ControlPoint| point.reference_m.xy().norm();
     // 500 m above ground the corner of the view is 417 m away
     assert_eq!(found.iter().filter(|p| distance(p) < 417.0).count(), 57);
     assert!(found.iter().all(|p| distance(p) < 700.0), "{:?}", found.iter().map(distance).fold(0.0, f64::max));
     let few = Reach { most: 9, ..Reach::default() };
-    let found = around(&pool, &frame, camera.half_view_rad(), &approximation, few, BOTH).await.unwrap().lines;
+    let found =
+        around(&pool, &frame, camera.half_view_rad(), &approximation, few, &anything(BOTH)).await.unwrap().lines;
     assert!(found.len() == 9 && found.iter().all(|p| distance(p) < 150.0));
 }
 
@@ -212,7 +252,8 @@ async fn an_empty_database_has_nothing_in_view() {
     let (camera, approximation) = nadir(500.0);
     let frame = LocalFrame::at(16.6, 52.7, 0.0);
     let pool = database().await;
-    let near = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), BOTH).await.unwrap();
+    let near =
+        around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), &anything(BOTH)).await.unwrap();
     assert_eq!(near, Near::default());
 }
 
@@ -222,15 +263,15 @@ async fn the_next_page_begins_after_the_last_one() {
     let features =
         (0..5).map(|i| feature(&format!("p{i}"), 16.6 + 1e-3 * f64::from(i), 52.7, 70.0)).collect::<Vec<_>>();
     import(&pool, &collection(&features), Mode::Upsert).await;
-    let names = |first: &[(i64, StoredControlPoint)], second: &[(i64, StoredControlPoint)]| {
-        first.iter().chain(second).map(|(_, point)| point.name.clone()).collect::<Vec<_>>()
+    let names = |first: &[points::Kept], second: &[points::Kept]| {
+        first.iter().chain(second).map(|kept| kept.point.name.clone()).collect::<Vec<_>>()
     };
-    let first = points::listed(&pool, points::Wanted::default(), 0, 3).await.unwrap();
-    let second = points::listed(&pool, points::Wanted::default(), first[2].0, 3).await.unwrap();
+    let first = listed(&pool, 0, 3).await;
+    let second = listed(&pool, first[2].id, 3).await;
     assert_eq!(names(&first, &second), ["p0", "p1", "p2", "p3", "p4"]);
     let region = GeodeticBox::around_place([16.602, 52.7], 1_000.0);
-    let first = points::in_box(&pool, region, 0, 3).await.unwrap();
-    let second = points::in_box(&pool, region, first[2].0, 3).await.unwrap();
+    let first = in_box(&pool, region, 0, 3).await;
+    let second = in_box(&pool, region, first[2].id, 3).await;
     assert_eq!(names(&first, &second), ["p0", "p1", "p2", "p3", "p4"]);
 }
 
@@ -247,8 +288,10 @@ async fn a_view_is_found_among_many() {
     let (camera, approximation) = nadir(580.0);
     let began = std::time::Instant::now();
     for _ in 0..20 {
-        let found =
-            around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), BOTH).await.unwrap().lines;
+        let found = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), &anything(BOTH))
+            .await
+            .unwrap()
+            .lines;
         assert_eq!(found.iter().map(|point| point.name.as_str()).collect::<Vec<_>>(), ["100,70"]);
     }
     let milliseconds = began.elapsed().as_secs_f64() * 50.0;
@@ -337,6 +380,11 @@ fn the_azimuth_of_a_scene_follows_the_meridians() {
     assert!((scene.azimuth_of_image_up_rad - expected).abs() < 1e-5, "{}", scene.azimuth_of_image_up_rad);
 }
 
+/// Of these kinds whatever there is.
+pub(super) fn anything(kinds: Kinds) -> Wanted {
+    Wanted { kinds, sets: None, date: None }
+}
+
 const BOTH: Kinds = Kinds { lines: true, scenes: true };
 
 #[tokio::test]
@@ -349,8 +397,9 @@ async fn scenes_that_may_be_in_view_are_found_with_their_own_ground() {
     import(&pool, &collection(&[feature("house", 16.6, 52.7, 80.0)]), Mode::Upsert).await;
     let (camera, approximation) = nadir(580.0);
     let found = async |kinds| {
-        let near =
-            around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), kinds).await.unwrap();
+        let near = around(&pool, &frame, camera.half_view_rad(), &approximation, Reach::default(), &anything(kinds))
+            .await
+            .unwrap();
         let scenes = near.scenes.into_iter().map(|scene| scene.content.name);
         near.lines.into_iter().map(|point| point.name).chain(scenes).collect::<Vec<_>>()
     };
@@ -376,7 +425,7 @@ async fn of_many_scenes_in_view_some_are_taken_that_are_spread_over_it() {
     }
     let (camera, approximation) = nadir(580.0);
     let found = async |reach| {
-        let near = around(&pool, &frame, camera.half_view_rad(), &approximation, reach, BOTH).await.unwrap();
+        let near = around(&pool, &frame, camera.half_view_rad(), &approximation, reach, &anything(BOTH)).await.unwrap();
         near.scenes
     };
     let far_m = |scenes: &[StoredScene]| {
@@ -405,15 +454,15 @@ async fn a_million_control_points_are_searched_by_their_index() {
     let fill = match &pool {
         Database::Sqlite(_) => [
             "WITH RECURSIVE numbers (n) AS (SELECT 0 UNION ALL SELECT n + 1 FROM numbers WHERE n < 999999)
-             INSERT INTO control_points (name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges)
-             SELECT 'b' || n, 0.1, 0, 0, 0, zeroblob(48) FROM numbers",
+             INSERT INTO control_points (set_id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges)
+             SELECT 1, 'b' || n, 0.1, 0, 0, 0, zeroblob(48) FROM numbers",
             "INSERT INTO control_point_boxes
              SELECT id, 8 + id % 1000 * 0.001, 8.0001 + id % 1000 * 0.001, 50 + id / 1000 * 0.001, 50.0001 + id / 1000 * 0.001
              FROM control_points",
         ],
         Database::Postgres(_) => [
-            "INSERT INTO control_points (name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges, extent)
-             SELECT 'b' || n, 0.1, 0, 0, 0, decode(repeat('00', 48), 'hex'),
+            "INSERT INTO control_points (set_id, name, sigma_m, reference_x_m, reference_y_m, reference_z_m, edges, extent)
+             SELECT 1, 'b' || n, 0.1, 0, 0, 0, decode(repeat('00', 48), 'hex'),
                     box(point(8 + n % 1000 * 0.001, 50 + n / 1000 * 0.001), point(8.0001 + n % 1000 * 0.001, 50.0001 + n / 1000 * 0.001))
              FROM generate_series(0, 999999) AS n",
             "ANALYZE control_points",
@@ -422,14 +471,13 @@ async fn a_million_control_points_are_searched_by_their_index() {
     for sql in fill {
         query(sql).execute(&pool).await.unwrap();
     }
-    assert_eq!(points::count(&pool).await.unwrap(), 1_000_000);
     let mut times = Vec::new();
     for place in 0..200 {
         // some 1.5 km by 1 km
         let (lon, lat) = (8.0 + f64::from(place) * 0.0045, 50.05 + f64::from(place) * 0.0044);
         let region = GeodeticBox::around_place([lon + 0.05, lat], 600.0);
         let began = std::time::Instant::now();
-        let found = points::in_box(&pool, region, 0, usize::MAX).await.unwrap();
+        let found = in_box(&pool, region, 0, usize::MAX).await;
         times.push(began.elapsed().as_secs_f64());
         assert!(found.len() > 100, "{}", found.len());
     }

@@ -4,11 +4,13 @@
 //! two differ (the index of boxes, lists as parameters, clocks) a statement is given as a pair. Whole numbers are `i64`
 //! on both sides: PostgreSQL knows no unsigned ones.
 
+mod bulk;
 mod open;
 mod query;
 
 use sqlx::{PgPool, Postgres, Sqlite, SqlitePool};
 
+pub use bulk::Column;
 pub use open::{OpenError, Session};
 pub use query::{Executor, Query, Record, Value, query};
 

@@ -1,6 +1,6 @@
 //! A statement with its parameters, for either database.
 
-use chrono::{DateTime, Utc};
+use chrono::{DateTime, NaiveDate, Utc};
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
 use sqlx::{Arguments as _, AssertSqlSafe, FromRow, SqlSafeStr, SqlStr};
@@ -25,6 +25,7 @@ pub enum Value {
     Bytes(Option<Vec<u8>>),
     Id(Option<Uuid>),
     Time(Option<DateTime<Utc>>),
+    Date(Option<NaiveDate>),
 }
 
 macro_rules! values {
@@ -60,6 +61,7 @@ values! {
     Option<Uuid> => |value| Self::Id(value);
     DateTime<Utc> => |value| Self::Time(Some(value));
     Option<DateTime<Utc>> => |value| Self::Time(value);
+    Option<NaiveDate> => |value| Self::Date(value);
 }
 
 /// Where a statement runs: by itself, or as a part of a transaction.
@@ -233,6 +235,7 @@ macro_rules! arguments {
                     Value::Bytes(value) => arguments.add(value),
                     Value::Id(value) => arguments.add(value),
                     Value::Time(value) => arguments.add(value),
+                    Value::Date(value) => arguments.add(value),
                 }
                 .map_err(sqlx::Error::Encode)?;
             }

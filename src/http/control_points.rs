@@ -3,22 +3,33 @@
 mod health;
 mod list;
 
+use std::sync::Arc;
+
 use axum::body::{Body, to_bytes};
 use axum::extract::{DefaultBodyLimit, Request, State};
 use axum::http::StatusCode;
 use bytes::Bytes;
+use chrono::NaiveDate;
+use futures_util::StreamExt as _;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::area::{CrsQuery, known_crs};
+use super::area::{DEFAULT_CRS, known_crs};
 use super::extract::{Path, Query, body_problem, media_type, refuse_encoded};
+use super::images::{content_length, refuse_if_no_room};
 use super::problem::Problem;
 use super::state::AppState;
-use crate::control::geojson::{self, ControlPointFeature};
-use crate::control::{CollectionError, ControlError, ImportReport, Mode, Source, points};
+use crate::buildings::{self, ModelError};
+use crate::control::geojson::{self, ControlPointFeature, Defaults};
+use crate::control::points::{self, Import, ImportError};
+use crate::control::sets::{DEFAULT_SET, NewSet};
+use crate::control::{
+    CollectionError, ControlError, FileFormat, ImportReport, Mode, ReadError, Reading, Source, Use, Validity,
+};
 use crate::report::Warning;
+use crate::store::images::Received;
 
 /// The routes of the control points.
 pub fn routes() -> OpenApiRouter<AppState> {
@@ -46,22 +57,64 @@ struct Collection {
     features: Vec<ControlPointFeature>,
 }
 
-/// Where an import comes from.
+/// Where an import comes from, and where it goes.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct ImportQuery {
-    /// The CRS of the coordinates: `EPSG:<code>` or a PROJ string.
+    /// The CRS of the coordinates: `EPSG:<code>` or a PROJ string. A building model may say so itself; then it may be left
+    /// out, and must not contradict.
     #[param(example = "EPSG:25832", min_length = 1)]
-    crs: String,
+    crs: Option<String>,
     /// What makes the heights ellipsoidal: height above the geoid + this = ellipsoidal height.
     geoid_undulation_m: Option<f64>,
-    /// What becomes of control points whose name is known: `insert` rejects them, `upsert` (default) updates them,
-    /// `replace` updates them and removes all others.
+    /// What becomes of control points whose name is known in the set: `insert` rejects them, `upsert` (default) updates
+    /// them, `replace` updates them and removes all others of the set.
     #[serde(default)]
     #[param(inline)]
     mode: Mode,
+    /// The set that they belong to, which is made if there is none; default: `default`.
+    #[param(example = "default", min_length = 1, max_length = 100)]
+    set: Option<String>,
+    /// The year of the survey of that set.
+    #[param(minimum = 1800, maximum = 2200)]
+    year: Option<i64>,
+    /// What is in that set.
+    #[param(max_length = 1000)]
+    description: Option<String>,
+    /// What they are there for, where a feature does not say: `check` is never used, and reported with every orientation.
+    #[serde(default, rename = "use")]
+    #[param(inline)]
+    purpose: Use,
+    /// The first day on which the buildings stand like this, where a feature does not say.
+    valid_from: Option<NaiveDate>,
+    /// The last day on which they do.
+    valid_to: Option<NaiveDate>,
 }
+
+impl ImportQuery {
+    fn plan(&self) -> Result<Import, Problem> {
+        let Self { set, year, description, mode, .. } = self;
+        let name = set.clone().unwrap_or(NewSet::default().name);
+        let set = NewSet { name, survey_year: *year, description: description.clone() };
+        set.check().map_err(|detail| Problem::invalid_field("?set", detail))?;
+        Ok(Import { set, mode: *mode, ..Import::default() })
+    }
+
+    fn reading(&self, format: FileFormat) -> Result<Reading, Problem> {
+        let crs = self.crs.as_deref().map(|crs| known_crs(crs, self.geoid_undulation_m)).transpose()?;
+        let defaults =
+            Defaults { purpose: self.purpose, validity: Validity { from: self.valid_from, to: self.valid_to } };
+        let heights_assumed = Arc::default();
+        Ok(Reading { format, crs, geoid_undulation_m: self.geoid_undulation_m, defaults, heights_assumed })
+    }
+}
+
+/// A building model: CityJSON 1.1 or 2.0, CityJSONSeq, or CityGML 2.0 or 3.0.
+#[derive(ToSchema)]
+#[schema(as = BuildingModel, value_type = String, format = Binary)]
+#[expect(dead_code, reason = "only describes the body, which is read a building at a time")]
+struct Model(Vec<u8>);
 
 /// What an import did.
 #[derive(Debug, Serialize, ToSchema)]
@@ -76,18 +129,22 @@ struct ImportAnswer {
 /// Import control points
 ///
 /// A GeoJSON `FeatureCollection`; each feature is one control point: a `MultiLineString` of segments (lines of two 3D
-/// positions), with the properties `name` (unique), `sigma_m` (standard deviation of its coordinates) and, if wanted,
-/// `reference` (`[x, y, z]`; default: the mean of the segments' midpoints). One bad feature never loses the others.
+/// positions), with the properties `name` (unique in its set), `sigma_m` (standard deviation of its coordinates) and, if
+/// wanted, `reference` (`[x, y, z]`; default: the mean of the segments' midpoints), `use`, `valid_from`, `valid_to`, and
+/// for each line `edge_kinds` and `edge_sigma_m`. Or a building model, of which each building is one control point, its
+/// roof edges as good as their kind allows. One bad feature never loses the others. Of a large file what is good before a
+/// fault in the file itself stays.
 #[utoipa::path(
     post, path = "/control-points", operation_id = "import_control_points", tag = "control points", params(ImportQuery),
     request_body(content(
         (Collection = "application/geo+json"), (Collection = "application/json"),
+        (Model = "application/city+json"), (Model = "application/city+json-seq"), (Model = "application/gml+xml"),
     )),
     responses(
         (status = 200, description = "What was imported, updated and rejected", body = ImportAnswer),
-        (status = 400, description = "Not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "Not JSON, or not XML", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Larger than this service accepts", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Not a FeatureCollection, or an unknown CRS", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Not a FeatureCollection or a building model, or an unknown CRS", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
@@ -96,41 +153,113 @@ async fn import(
     Query(query): Query<ImportQuery>,
     request: Request,
 ) -> Result<axum::Json<ImportAnswer>, Problem> {
-    let crs = known_crs(&query.crs, query.geoid_undulation_m)?;
-    let ellipsoidal_assumed = crs.assumes_ellipsoidal_heights() && query.geoid_undulation_m.is_none();
-    let warnings = Vec::from_iter(ellipsoidal_assumed.then(|| Warning::vertical_assumed_ellipsoidal(&crs.to_string())));
-    let kind = media_type(request.headers());
-    if !matches!(kind.as_deref(), Some("application/geo+json" | "application/json")) {
-        let given = kind.as_deref().unwrap_or("none");
-        return Err(Problem::unsupported_type(format!("Content-Type is {given}; it must be application/geo+json")));
+    let (format, max_bytes) = format_of(&state, media_type(request.headers()).as_deref())?;
+    let (plan, reading) = (query.plan()?, query.reading(format)?);
+    if format == FileFormat::GeoJson && reading.crs.is_none() {
+        return Err(Problem::invalid_field("?crs", "GeoJSON does not say in which CRS it is; give crs"));
     }
     refuse_encoded(request.headers())?;
-    // each holds its body in memory
+    let received = received(&state, request, max_bytes).await?;
+    // each keeps the writers of others waiting
     let _permit = state.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
-    let body = whole_body(request.into_body(), state.configuration.import_max_bytes).await?;
-    let parse = move || geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });
-    let parsed = tokio::task::spawn_blocking(parse).await.map_err(|error| Problem::internal(&error))?;
-    let report = points::import(state.store.database(), parsed?, query.mode, |_| {}).await?;
-    tracing::info!(imported = report.imported, updated = report.updated, rejected = report.rejected.len(), "imported");
+    let heights_assumed = reading.heights_assumed.clone();
+    let read = points::import(
+        state.store.database(),
+        &plan,
+        reading,
+        move |reading, each| {
+            let file = std::fs::File::open(received.path()).map_err(ModelError::from)?;
+            reading.read(&mut std::io::BufReader::with_capacity(1 << 20, file), each)
+        },
+        |_| {},
+    );
+    let report = read.await?;
+    let ImportReport { imported, updated, rejected_count, .. } = &report;
+    tracing::info!(imported, updated, rejected = rejected_count, set = plan.set.name, "imported");
+    let warnings = Vec::from_iter(heights_assumed.get().map(|crs| Warning::vertical_assumed_ellipsoidal(crs)));
     Ok(axum::Json(ImportAnswer { report, warnings }))
+}
+
+/// The format of a body by its type, and how large it may be.
+fn format_of(state: &AppState, kind: Option<&str>) -> Result<(FileFormat, u64), Problem> {
+    let model = |format| Ok((FileFormat::Model(format), state.configuration.model_max_bytes));
+    match kind {
+        Some("application/geo+json" | "application/json") => {
+            Ok((FileFormat::GeoJson, state.configuration.import_max_bytes as u64))
+        }
+        Some("application/city+json") => model(buildings::Format::CityJson),
+        Some("application/city+json-seq") => model(buildings::Format::CityJsonSeq),
+        Some("application/gml+xml") => model(buildings::Format::CityGml),
+        given => Err(Problem::unsupported_type(format!(
+            "Content-Type is {}; it must be application/geo+json, application/city+json, application/city+json-seq or \
+             application/gml+xml",
+            given.unwrap_or("none")
+        ))),
+    }
+}
+
+/// The body, streamed to a file that goes when it was read.
+async fn received(state: &AppState, request: Request, max_bytes: u64) -> Result<Received, Problem> {
+    let declared = content_length(request.headers()).unwrap_or(0);
+    if declared > max_bytes {
+        return Err(too_large(max_bytes));
+    }
+    refuse_if_no_room(state, declared)?;
+    let mut upload = state.store.begin_upload()?;
+    let mut chunks = request.into_body().into_data_stream();
+    while let Some(chunk) = chunks.next().await {
+        let chunk = chunk.map_err(|error| body_problem(&error, StatusCode::BAD_REQUEST))?;
+        if upload.size_bytes() + chunk.len() as u64 > max_bytes {
+            return Err(too_large(max_bytes));
+        }
+        upload.write(&chunk).await?;
+    }
+    Ok(upload.complete().await?)
+}
+
+fn too_large(max_bytes: u64) -> Problem {
+    Problem::too_large(format!("The body is larger than the {max_bytes} bytes that this service accepts."))
 }
 
 pub(super) async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Problem> {
     to_bytes(body, max_bytes).await.map_err(|error| {
         let source = std::error::Error::source(&error);
         if source.is_some_and(|source| source.is::<http_body_util::LengthLimitError>()) {
-            return Problem::too_large(format!(
-                "The body is larger than the {max_bytes} bytes that this service accepts."
-            ));
+            return too_large(max_bytes as u64);
         }
         body_problem(&error, StatusCode::BAD_REQUEST)
     })
 }
 
+/// Which set a control point is of.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct SetQuery {
+    /// The set that it belongs to; default: `default`.
+    #[param(example = "default", min_length = 1, max_length = 100)]
+    set: Option<String>,
+}
+
+/// Which set a control point is of, and in which CRS it is wanted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ReadQuery {
+    /// The set that it belongs to; default: `default`.
+    #[param(example = "default", min_length = 1, max_length = 100)]
+    set: Option<String>,
+    /// The CRS of the answer; default: EPSG:4979.
+    #[param(min_length = 1)]
+    crs: Option<String>,
+    /// Gives heights above the geoid: ellipsoidal height - this.
+    geoid_undulation_m: Option<f64>,
+}
+
 /// Show a control point
 #[utoipa::path(
     get, path = "/control-points/{name}", operation_id = "show_control_point", tag = "control points",
-    params(("name" = String, Path, description = "Its name"), CrsQuery),
+    params(("name" = String, Path, description = "Its name"), ReadQuery),
     responses(
         (status = 200, description = "The control point as a GeoJSON feature", body = ControlPointFeature),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
@@ -140,12 +269,14 @@ pub(super) async fn whole_body(body: Body, max_bytes: usize) -> Result<Bytes, Pr
 async fn read(
     State(state): State<AppState>,
     Path(name): Path<String>,
-    Query(query): Query<CrsQuery>,
+    Query(query): Query<ReadQuery>,
 ) -> Result<axum::Json<ControlPointFeature>, Problem> {
-    let crs = query.crs()?;
-    let point = points::by_name(state.store.database(), &name).await?;
-    let point = point.ok_or_else(|| Problem::not_found("There is no control point of this name."))?;
-    let feature = geojson::feature(&point, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });
+    let crs = known_crs(query.crs.as_deref().unwrap_or(DEFAULT_CRS), query.geoid_undulation_m)?;
+    let set = query.set.as_deref().unwrap_or(DEFAULT_SET);
+    let kept = points::by_name(state.store.database(), set, &name).await?;
+    let kept = kept.ok_or_else(|| Problem::not_found("There is no control point of this name in this set."))?;
+    let feature =
+        geojson::feature(&kept.point, set, &Source { crs: &crs, geoid_undulation_m: query.geoid_undulation_m });
     let feature =
         feature.ok_or_else(|| Problem::invalid_field("?crs", format!("the control point does not lie in {crs}")));
     Ok(axum::Json(feature?))
@@ -156,18 +287,23 @@ async fn read(
 /// Orientations under way may still use it; results keep it.
 #[utoipa::path(
     delete, path = "/control-points/{name}", operation_id = "remove_control_point", tag = "control points",
-    params(("name" = String, Path, description = "Its name")),
+    params(("name" = String, Path, description = "Its name"), SetQuery),
     responses(
         (status = 204, description = "Removed"),
         (status = 404, description = "There is none", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
-async fn remove(State(state): State<AppState>, Path(name): Path<String>) -> Result<StatusCode, Problem> {
-    if points::remove(state.store.database(), &name).await? {
+async fn remove(
+    State(state): State<AppState>,
+    Path(name): Path<String>,
+    Query(query): Query<SetQuery>,
+) -> Result<StatusCode, Problem> {
+    let set = query.set.as_deref().unwrap_or(DEFAULT_SET);
+    if points::remove(state.store.database(), set, &name).await? {
         return Ok(StatusCode::NO_CONTENT);
     }
-    Err(Problem::not_found("There is no control point of this name."))
+    Err(Problem::not_found("There is no control point of this name in this set."))
 }
 
 impl From<ControlError> for Problem {
@@ -184,6 +320,27 @@ impl From<CollectionError> for Problem {
         match error {
             CollectionError::Syntax(error) => Self::bad_request(format!("The body is not valid JSON: {error}")),
             error => Self::invalid_field("", error.to_string()),
+        }
+    }
+}
+
+impl From<ReadError> for Problem {
+    fn from(error: ReadError) -> Self {
+        match error {
+            ReadError::Collection(error) => error.into(),
+            ReadError::Model(ModelError::Read(error)) => Self::internal(&error),
+            ReadError::Model(error) => Self::invalid_field("", error.to_string()),
+            error => Self::invalid_field("?crs", error.to_string()),
+        }
+    }
+}
+
+impl From<ImportError> for Problem {
+    fn from(error: ImportError) -> Self {
+        match error {
+            ImportError::Control(error) => error.into(),
+            ImportError::Read(error) => error.into(),
+            error => Self::internal(&error),
         }
     }
 }

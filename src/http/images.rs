@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use chrono::{DateTime, Utc};
+use chrono::{DateTime, NaiveDate, Utc};
 use futures_util::StreamExt as _;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -71,6 +71,9 @@ struct ImageAnswer {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "DJI FC6310")]
     camera_model: Option<String>,
+    /// When it was taken, if EXIF says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    taken_on: Option<NaiveDate>,
     /// When it was first uploaded.
     created_at: DateTime<Utc>,
 }
@@ -91,7 +94,7 @@ struct PositionAnswer {
 
 impl From<Image> for ImageAnswer {
     fn from(image: Image) -> Self {
-        let Header { format, width_px, height_px, position, camera_model } = image.header;
+        let Header { format, width_px, height_px, position, camera_model, taken_on } = image.header;
         Self {
             id: image.id,
             sha256: hexadecimal(&image.sha256),
@@ -106,6 +109,7 @@ impl From<Image> for ImageAnswer {
                 height_above_geoid_m: p.height_m,
             }),
             camera_model,
+            taken_on,
             created_at: image.created_at,
         }
     }
@@ -378,6 +382,7 @@ async fn probe(received: Received, declared: Option<Format>, limits: Limits) -> 
             height_m: p.altitude_m,
         }),
         camera_model: probe.camera_model,
+        taken_on: probe.taken,
     };
     Ok((received, header))
 }

@@ -13,6 +13,7 @@ pub mod cameras;
 pub mod classifiers;
 pub mod control_points;
 pub mod control_scenes;
+pub mod control_sets;
 pub mod exports;
 pub mod extract;
 pub mod health;
@@ -64,6 +65,7 @@ fn api() -> OpenApiRouter<AppState> {
         .merge(exports::routes())
         .merge(control_points::routes())
         .merge(control_scenes::routes())
+        .merge(control_sets::routes())
         .merge(interior_orientations::routes())
         .merge(orientations::routes())
         .merge(references::routes())

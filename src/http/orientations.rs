@@ -26,6 +26,7 @@ use super::extract::{Json, Path, Query};
 use super::idempotency::NewId;
 use super::problem::Problem;
 use super::state::AppState;
+use crate::control::sets;
 use crate::imagery::{self, ImageryError};
 use crate::jobs::SubmitError;
 use crate::jobs::request::{ImageFacts, OrientationRequest};
@@ -123,6 +124,14 @@ pub(super) async fn checked_of(
 ) -> Result<NewOrientation, Problem> {
     let facts = facts(state, image, request).await?;
     let mut prepared = request.prepare(camera.image_size_px(), &facts).map_err(|faults| Problem::of_faults(&faults))?;
+    for (place, set) in request.control_sets.iter().flatten().enumerate() {
+        if sets::by_name(state.store.database(), set).await?.is_none() {
+            return Err(Problem::invalid_field(
+                format!("/control_sets/{place}"),
+                "there is no control set of this name",
+            ));
+        }
+    }
     if let Some(webhook) = &request.webhook {
         let allowed = state.configuration.webhook_policy().check(webhook);
         allowed.map_err(|detail| Problem::invalid_field("/webhook", detail))?;
@@ -137,7 +146,7 @@ pub(super) async fn checked_of(
 async fn facts(state: &AppState, image: &Image, request: &OrientationRequest) -> Result<ImageFacts, Problem> {
     let size_px = [image.header.width_px, image.header.height_px];
     if request.approximation.position.is_some() && request.approximation.kappa_deg.is_some() {
-        return Ok(ImageFacts { size_px, ..ImageFacts::default() });
+        return Ok(ImageFacts { size_px, taken: image.header.taken_on, ..ImageFacts::default() });
     }
     let (path, limits) = (state.store.image_file(&image.sha256).await?, state.configuration.image_limits());
     let probed = tokio::task::spawn_blocking(move || imagery::probe(&path, &limits)).await;

@@ -1,5 +1,8 @@
 //! Where the camera was and where it looked, as Exif and XMP tell it.
 
+use std::ops::RangeInclusive;
+
+use chrono::{Datelike as _, NaiveDate};
 use nom_exif::{EntryValue, Exif, IfdIndex, IfdKind, MediaParser, MediaSource};
 
 /// Where the camera says that it was.
@@ -40,6 +43,7 @@ pub(super) struct Clues {
     pub(super) position: Option<ExifPosition>,
     pub(super) heading: Option<ExifHeading>,
     pub(super) pixel_size_um: Option<f64>,
+    pub(super) taken: Option<NaiveDate>,
 }
 
 /// The tags of the GPS directory that matter here.
@@ -69,7 +73,10 @@ pub(super) trait GpsDirectory {
 pub(super) fn clues(exif: Option<Vec<u8>>, xmp: Option<&[u8]>) -> Clues {
     let of_exif = |mut exif: Exif| {
         let text = |tag| exif.get_by_code_in(IfdIndex::MAIN, IfdKind::Tiff, tag).and_then(EntryValue::as_str);
-        Clues { camera_model: camera_model(text(MAKE), text(MODEL)), ..clues_of(&mut exif) }
+        let camera_model = camera_model(text(MAKE), text(MODEL));
+        let taken = exif.get_by_code_in(IfdIndex::MAIN, IfdKind::Exif, TAKEN).and_then(EntryValue::as_datetime);
+        let taken = taken.map(|taken| taken.into_naive().date()).filter(|date| PHOTOGRAPHED.contains(&date.year()));
+        Clues { camera_model, taken, ..clues_of(&mut exif) }
     };
     with_xmp(exif.and_then(parse).map(of_exif).unwrap_or_default(), xmp)
 }
@@ -77,6 +84,10 @@ pub(super) fn clues(exif: Option<Vec<u8>>, xmp: Option<&[u8]>) -> Clues {
 /// Tags of the main directory.
 const MAKE: u16 = 0x010F;
 const MODEL: u16 = 0x0110;
+/// `DateTimeOriginal`, of the Exif directory.
+const TAKEN: u16 = 0x9003;
+/// Years in which digital cameras have written it; a clock that was never set begins before.
+const PHOTOGRAPHED: RangeInclusive<i32> = 1990..=2200;
 /// The most characters of make and model each: real ones are far shorter.
 const CHARACTERS_MAX: usize = 64;
 

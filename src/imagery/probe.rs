@@ -4,6 +4,8 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
+use chrono::NaiveDate;
+
 use super::exif::{self, Clues, ExifHeading, ExifPosition};
 use super::{ImageryError, Limits, jpeg, png, tiff};
 
@@ -59,6 +61,8 @@ pub struct Probe {
     pub pixel_size_um: Option<f64>,
     /// Make and model of the camera.
     pub camera_model: Option<String>,
+    /// When it was taken, in local time. A TIFF may have been scanned, or worked upon, long after: its times are not read.
+    pub taken: Option<NaiveDate>,
 }
 
 /// Reads the header of the picture at `path`. That does not prove that the picture is complete: only
@@ -88,8 +92,8 @@ pub fn probe(path: &Path, limits: &Limits) -> Result<Probe, ImageryError> {
         Format::Tiff => tiff::read_header(file, limits)?,
     };
     let [width_px, height_px] = size_px;
-    let Clues { camera_model, position, heading, pixel_size_um } = clues;
-    Ok(Probe { format, width_px, height_px, bits, position, heading, pixel_size_um, camera_model })
+    let Clues { camera_model, position, heading, pixel_size_um, taken } = clues;
+    Ok(Probe { format, width_px, height_px, bits, position, heading, pixel_size_um, camera_model, taken })
 }
 
 /// Opens a file for reading from its beginning.

@@ -344,8 +344,9 @@ impl Inner {
         let camera = camera_model(&self.store, &orientation.camera_id.to_string()).await?;
         let camera = camera.ok_or(AttemptError::Missing { what: "camera" })?;
         let prepared: Prepared = serde_json::from_str(&orientation.prepared)?;
-        let work = prepared.work(camera, &self.active.get(&self.store).await?)?;
-        let control = ControlNear::find(self.store.database(), &work, self.settings.reach, prepared.kinds()).await?;
+        let mut work = prepared.work(camera, &self.active.get(&self.store).await?)?;
+        let control = ControlNear::find(self.store.database(), &work, self.settings.reach, &prepared.wanted()).await?;
+        work.check = control.check();
         Ok(Loaded { path: self.store.image_file(&image.sha256).await?, prepared, work, control })
     }
 

@@ -8,6 +8,7 @@ mod tests;
 
 use std::sync::Arc;
 
+use chrono::{NaiveDate, Utc};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -17,10 +18,11 @@ pub use policy::{CostsRequest, PolicyGiven};
 pub use scan::{Reading, ScanRequest, TransformationKind};
 
 use super::active::NamedClassifier;
-use crate::control::Kinds;
+use crate::control::{Kinds, Wanted};
 use crate::geometry::{Camera, Crs, CrsError, ExteriorOrientation, LocalFrame, rotation};
 use crate::imagery::{ExifHeading, ExifPosition, Probe};
-use crate::interior::{FilmCamera, Wanted};
+use crate::interior::{self, FilmCamera};
+use crate::orientation::ControlPoint;
 use crate::pipeline::{Approximation, FilmTask, Judge, Task, Tolerance};
 use crate::report::{ApproximationUsed, ClassifierUsed, Output, Vertical, Warning};
 use crate::store::orientations::Priority;
@@ -64,6 +66,15 @@ pub struct OrientationRequest {
     /// Which control is used; default: whatever there is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlChoice>,
+    /// The sets of control points that may be used, by their names; default: all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!(null))]
+    pub control_sets: Option<Vec<String>>,
+    /// When the image was taken: buildings that did not stand then are not used. Default: as the image file says, else
+    /// today.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = "2024-05-17")]
+    pub date: Option<NaiveDate>,
     /// How a scan of film is brought to its camera's plate; only with a film camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(example = json!(null))]
@@ -110,11 +121,18 @@ pub struct ImageFacts {
     pub position: Option<ExifPosition>,
     /// Where its top points.
     pub heading: Option<ExifHeading>,
+    /// When it was taken.
+    pub taken: Option<NaiveDate>,
 }
 
 impl From<&Probe> for ImageFacts {
     fn from(probe: &Probe) -> Self {
-        Self { size_px: [probe.width_px, probe.height_px], position: probe.position, heading: probe.heading }
+        Self {
+            size_px: [probe.width_px, probe.height_px],
+            position: probe.position,
+            heading: probe.heading,
+            taken: probe.taken,
+        }
     }
 }
 
@@ -143,6 +161,12 @@ pub struct Prepared {
     /// Which control is used.
     #[serde(default)]
     pub control: ControlChoice,
+    /// The sets of control points that may be used; `None`: all.
+    #[serde(default)]
+    pub control_sets: Option<Vec<String>>,
+    /// When the image was taken; `None` in requests from before this was asked.
+    #[serde(default)]
+    pub date: Option<NaiveDate>,
     /// The CRS of the result.
     pub output_crs: String,
     /// Above which its heights are, if not the ellipsoid.
@@ -200,6 +224,8 @@ pub struct Work {
     pub camera: CameraModel,
     /// The approximate orientation in that frame.
     pub approximation: Approximation,
+    /// Buildings that the orientation is checked with; none until they are looked for.
+    pub check: Arc<[ControlPoint]>,
     /// What the verdict is about.
     pub tolerance: Tolerance,
     /// Who decides.
@@ -252,7 +278,20 @@ impl OrientationRequest {
         match (approximation, tolerance, output) {
             (Some(approximation), Some(tolerance), Some((output_crs, output_vertical))) if faults.0.is_empty() => {
                 let control = self.control.unwrap_or_default();
-                Ok(Prepared { approximation, tolerance, policy, scan, control, output_crs, output_vertical, warnings })
+                let control_sets = self.control_sets.clone();
+                let date = Some(self.date.or(image.taken).unwrap_or_else(|| Utc::now().date_naive()));
+                Ok(Prepared {
+                    approximation,
+                    tolerance,
+                    policy,
+                    scan,
+                    control,
+                    control_sets,
+                    date,
+                    output_crs,
+                    output_vertical,
+                    warnings,
+                })
             }
             _ => Err(faults.0),
         }
@@ -348,8 +387,8 @@ impl Prepared {
 
     /// Which control is looked for.
     #[must_use]
-    pub fn kinds(&self) -> Kinds {
-        self.control.into()
+    pub fn wanted(&self) -> Wanted {
+        Wanted { kinds: self.control.into(), sets: self.control_sets.clone(), date: self.date }
     }
 
     /// The task for the pipeline.
@@ -385,7 +424,7 @@ impl Prepared {
         };
         let judge = Judge { classifier: decides.loaded.classifier.clone(), policy: self.policy.policy() };
         let decides = ClassifierUsed::of(&decides.name, &decides.loaded);
-        Ok(Work { frame, camera, approximation, tolerance, judge, output, decides })
+        Ok(Work { frame, camera, approximation, check: Arc::default(), tolerance, judge, output, decides })
     }
 }
 
@@ -393,14 +432,14 @@ impl Work {
     /// The task for an image of this camera.
     #[must_use]
     pub fn task(&self, camera: Camera) -> Task {
-        let Self { approximation, tolerance, judge, .. } = self.clone();
-        Task { camera, approximation, tolerance, judge }
+        let Self { approximation, check, tolerance, judge, .. } = self.clone();
+        Task { camera, approximation, check, tolerance, judge }
     }
 
     /// The task for a scan of film.
     #[must_use]
-    pub fn film_task(&self, camera: Arc<FilmCamera>, wanted: Wanted) -> FilmTask {
-        let Self { approximation, tolerance, judge, .. } = self.clone();
-        FilmTask { camera, wanted, approximation, tolerance, judge }
+    pub fn film_task(&self, camera: Arc<FilmCamera>, wanted: interior::Wanted) -> FilmTask {
+        let Self { approximation, check, tolerance, judge, .. } = self.clone();
+        FilmTask { camera, wanted, approximation, check, tolerance, judge }
     }
 }

@@ -2,11 +2,12 @@
 
 use std::io::Write as _;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::request::Work;
 use crate::control::near::Reach;
 use crate::control::scenes::{SceneContent, with_picture};
-use crate::control::{self, ControlError, Kinds};
+use crate::control::{self, ControlError, Wanted};
 use crate::database::Database;
 use crate::features::{Picture as _, PictureError, PixelRect};
 use crate::geometry::LocalFrame;
@@ -79,6 +80,7 @@ impl Unread {
 #[derive(Debug, Clone)]
 pub struct ControlNear {
     lines: Vec<ControlPoint>,
+    check: Arc<[ControlPoint]>,
     scenes: Vec<Unread>,
 }
 
@@ -87,9 +89,9 @@ impl ControlNear {
     ///
     /// # Errors
     /// [`ControlError`] if the database fails.
-    pub async fn find(database: &Database, work: &Work, reach: Reach, kinds: Kinds) -> Result<Self, ControlError> {
+    pub async fn find(database: &Database, work: &Work, reach: Reach, wanted: &Wanted) -> Result<Self, ControlError> {
         let half_view_rad = work.camera.half_view_rad();
-        let near = control::around(database, &work.frame, half_view_rad, &work.approximation, reach, kinds).await?;
+        let near = control::around(database, &work.frame, half_view_rad, &work.approximation, reach, wanted).await?;
         let mut scenes = Vec::new();
         for scene in near.scenes {
             // by now it may be another one, or deleted
@@ -97,7 +99,13 @@ impl ControlNear {
                 scenes.push(Unread { content: scene.content, file });
             }
         }
-        Ok(Self { lines: near.lines, scenes })
+        Ok(Self { lines: near.lines, check: near.check.into(), scenes })
+    }
+
+    /// Buildings that the orientation is to be checked with.
+    #[must_use]
+    pub fn check(&self) -> Arc<[ControlPoint]> {
+        self.check.clone()
     }
 
     /// Buildings and scenes: how many there are of each.

@@ -85,6 +85,7 @@ async fn upload(store: &Store, bytes: &[u8]) -> Uuid {
         height_px: SIZE_PX[1],
         position: None,
         camera_model: None,
+        taken_on: None,
     };
     store.keep_image(Uuid::now_v7(), received, &header, None).await.unwrap().0.id
 }
@@ -96,6 +97,7 @@ fn outcome(task: &Task) -> Outcome {
         trials: vec![],
         ground_height_m: None,
         footprint_m: Vec::new(),
+        check_points: Vec::new(),
         pairs: vec![],
         estimate: Some(Estimate {
             orientation: task.approximation.orientation,

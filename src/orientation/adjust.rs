@@ -8,6 +8,8 @@
 //! nor a row of neighbours a single one elsewhere.
 
 #[cfg(test)]
+mod overhang_tests;
+#[cfg(test)]
 mod tests;
 
 use nalgebra::{DMatrix, Matrix2, Matrix2x6, Matrix6, RowVector2, Vector2};
@@ -205,7 +207,8 @@ impl Model<'_> {
 
     fn linear(&self, building: &Building, at: &ExteriorOrientation, weighting: Weighting) -> Linear {
         let control_point = &self.control[building.control_point];
-        let sigma_control_px = sigma_control_px(self.camera, control_point, at);
+        let in_image_px = |sigma_m| sigma_in_image_px(self.camera, control_point, at, sigma_m);
+        let sigma_control_px = in_image_px(control_point.sigma_m);
         let mut linear = Linear::default();
         let mut length_px = vec![0.0; control_point.edges_m.len()];
         for found in &building.matches {
@@ -218,7 +221,8 @@ impl Model<'_> {
                 continue;
             };
             let share = self.observed[found.segment].length_px / length_px[found.edge];
-            let variance = EdgeVariance::of_piece(sigma_control_px, share);
+            let sigma_edge_px = in_image_px(control_point.edge_sigma_m(found.edge));
+            let variance = EdgeVariance::of_piece(sigma_control_px, sigma_edge_px, share);
             linear.add(&piece, variance, weighting);
         }
         if let Some(measured) = &building.measured {
@@ -261,8 +265,18 @@ struct Piece {
 
 /// The stated accuracy of a control point's coordinates, in the image.
 pub(super) fn sigma_control_px(camera: &Camera, control_point: &ControlPoint, at: &ExteriorOrientation) -> f64 {
+    sigma_in_image_px(camera, control_point, at, control_point.sigma_m)
+}
+
+/// A standard deviation in metres at a control point, in the image.
+pub(super) fn sigma_in_image_px(
+    camera: &Camera,
+    control_point: &ControlPoint,
+    at: &ExteriorOrientation,
+    sigma_m: f64,
+) -> f64 {
     let depth_m = -at.camera_coordinates(control_point.reference_m).z;
-    control_point.sigma_m * camera.principal_distance_px / depth_m.max(1.0)
+    sigma_m * camera.principal_distance_px / depth_m.max(1.0)
 }
 
 fn shifts_px(buildings: &[Building]) -> Vec<Vector2<f64>> {
@@ -280,11 +294,13 @@ struct EdgeVariance {
 
 impl EdgeVariance {
     /// Of a piece that is a share of all that was found of an edge: the pieces have its errors in common, and together
-    /// they count as one.
-    fn of_piece(sigma_control_px: f64, share: f64) -> Self {
-        let stated = sigma_control_px.powi(2);
+    /// they count as one. By what an edge is worse than the coordinates in general it is shifted as a whole: the eave is
+    /// parallel to the wall.
+    fn of_piece(sigma_control_px: f64, sigma_edge_px: f64, share: f64) -> Self {
+        let stated = sigma_control_px.min(sigma_edge_px).powi(2);
+        let own = sigma_edge_px.powi(2) - stated;
         Self {
-            whole: (WHOLE_EDGE_PX2 + SHARE_OF_THE_EDGE * stated) / share,
+            whole: (WHOLE_EDGE_PX2 + SHARE_OF_THE_EDGE * stated + own) / share,
             end: (END_PX2 + SHARE_OF_THE_END * stated) / share,
         }
     }

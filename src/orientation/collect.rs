@@ -17,13 +17,13 @@ use crate::scenes::Measured;
 
 /// A round of collecting: how the buildings are located, and what their edges then accept.
 #[derive(Debug, Clone, Copy)]
-struct Collection {
-    round: Round,
-    nearness: Nearness,
+pub(super) struct Collection {
+    pub(super) round: Round,
+    pub(super) nearness: Nearness,
 }
 
 /// The windows close as the orientation becomes certain; the last round is repeated until nothing changes.
-const COLLECTIONS: [Collection; 3] = [
+pub(super) const COLLECTIONS: [Collection; 3] = [
     collection(3.0, 4.0, 0.07, 5.0, 0.06),
     collection(2.0, 3.0, 0.06, 4.0, 0.05),
     collection(2.0, 2.0, 0.05, 3.0, 0.05),
@@ -142,7 +142,7 @@ fn of_point(control_point: usize, measured: Measured) -> Building {
 }
 
 /// The line segments that lie on the edges of a control point whose reference is at a place.
-fn pieces(
+pub(super) fn pieces(
     search: &Search,
     prediction: &Prediction,
     extraction: &Extraction,

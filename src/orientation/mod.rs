@@ -2,6 +2,7 @@
 
 pub mod adjust;
 pub mod by_hand;
+pub mod check;
 pub mod collect;
 pub mod extract;
 pub mod gate;
@@ -38,6 +39,17 @@ pub struct ControlPoint {
     pub reference_m: Vector3<f64>,
     /// The edges; none of a control scene.
     pub edges_m: Vec<Segment3>,
+    /// Standard deviations of the edges across themselves, where they are not all as good as the coordinates are in
+    /// general: eaves of which only the wall is known. One for each edge, or none at all.
+    pub edge_sigmas_m: Vec<f64>,
     /// The picture of a control scene; `None` for a building.
     pub scene: Option<Arc<Scene>>,
+}
+
+impl ControlPoint {
+    /// The standard deviation of an edge across itself.
+    #[must_use]
+    pub fn edge_sigma_m(&self, edge: usize) -> f64 {
+        self.edge_sigmas_m.get(edge).copied().unwrap_or(self.sigma_m)
+    }
 }

@@ -264,7 +264,14 @@ mod tests {
         let edge = |from: Vector3<f64>| Segment3 { start: from, end: from + Vector3::new(8.0, 0.0, 0.0) };
         let edges_m =
             vec![edge(below), edge(below + Vector3::new(900.0, 0.0, 0.0)), edge(Vector3::new(0.0, 0.0, 300.0))];
-        let point = ControlPoint { name: "a".into(), sigma_m: 0.1, reference_m: below, edges_m, scene: None };
+        let point = ControlPoint {
+            name: "a".into(),
+            sigma_m: 0.1,
+            reference_m: below,
+            edges_m,
+            edge_sigmas_m: Vec::new(),
+            scene: None,
+        };
         let seen = |edges: Vec<Option<Segment2>>| edges.iter().map(Option::is_some).collect::<Vec<_>>();
         assert_eq!(seen(edges_px(&camera, &a.orientation, &point)), [true, true, false]);
         assert_eq!(seen(edges_on_frame_px(&camera, &a.orientation, &point)), [true, false, false]);

@@ -63,17 +63,19 @@ pub fn well_spread(control: &[ControlPoint], most: usize) -> Vec<ControlPoint> {
 }
 
 /// Length of the edges in decimetres, times the number of their directions in plan: a shift must be fixed in both
-/// coordinates, and many parallel lines fix one.
-pub(super) fn distinctiveness(control_point: &ControlPoint) -> u64 {
+/// coordinates, and many parallel lines fix one. Edges that are less sure than the coordinates in general count less.
+#[must_use]
+pub fn distinctiveness(control_point: &ControlPoint) -> u64 {
     const LONGEST_M: f64 = 30.0;
     if control_point.scene.is_some() {
         return OF_A_SCENE;
     }
     let mut directions: Vec<f64> = Vec::new();
     let mut length_m = 0.0;
-    for edge in &control_point.edges_m {
+    for (number, edge) in control_point.edges_m.iter().enumerate() {
         let along = (edge.end - edge.start).xy();
-        length_m += along.norm().min(LONGEST_M);
+        let sureness = (control_point.sigma_m / control_point.edge_sigma_m(number)).min(1.0);
+        length_m += along.norm().min(LONGEST_M) * sureness;
         let direction = along.y.atan2(along.x);
         let half_turn = std::f64::consts::PI;
         let near = |d: &f64| {
@@ -101,7 +103,14 @@ mod tests {
             Segment3 { start: corner(0.0, 0.0), end: corner(1.0, 0.0) },
             Segment3 { start: corner(0.0, 0.0), end: corner(0.0, 1.0) },
         ];
-        ControlPoint { name: name.into(), sigma_m: 0.05, reference_m: at, edges_m, scene: None }
+        ControlPoint {
+            name: name.into(),
+            sigma_m: 0.05,
+            reference_m: at,
+            edges_m,
+            edge_sigmas_m: Vec::new(),
+            scene: None,
+        }
     }
 
     #[test]

@@ -284,7 +284,14 @@ mod tests {
         let corner = |x: f64, y: f64, z: f64| at + Vector3::new(x, y, z);
         let rim = [corner(-8.0, -5.0, 0.0), corner(8.0, -5.0, 0.0), corner(8.0, 5.0, 3.0), corner(-8.0, 5.0, 3.0)];
         let edges_m = (0..4).map(|i| Segment3 { start: rim[i], end: rim[(i + 1) % 4] }).collect();
-        ControlPoint { name: "house".into(), sigma_m: 0.05, reference_m: at, edges_m, scene: None }
+        ControlPoint {
+            name: "house".into(),
+            sigma_m: 0.05,
+            reference_m: at,
+            edges_m,
+            edge_sigmas_m: Vec::new(),
+            scene: None,
+        }
     }
 
     /// Half the diagonal of its plan.

@@ -63,6 +63,7 @@ impl Run<'_> {
             }),
             diagnosis: judge(&case, classifier, policy),
             control_points,
+            check_points: Vec::new(),
             pairs: pair_results(search, adjustment, &sensitivities),
             edges: edge_results(search, adjustment, extraction.segments()),
             ground_precision: precision,

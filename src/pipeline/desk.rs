@@ -125,6 +125,7 @@ impl<'a> Desk<'a> {
         let rivals = self.run.rivals(&search, &solution, seen, trials);
         let mut outcome = self.run.outcome(&search, extraction, &solution, rivals);
         outcome.cost = self.attempt.outcome.cost;
+        outcome.check_points = self.run.check_points(&solution.adjustment, extraction)?;
         show_unused(&mut outcome, &search, &solution.adjustment);
         Ok(outcome)
     }

@@ -19,6 +19,8 @@ pub struct FilmTask {
     pub wanted: Wanted,
     /// The approximate orientation, of the plate's axes.
     pub approximation: Approximation,
+    /// Buildings that the orientation is checked with, and never found by.
+    pub check: Arc<[ControlPoint]>,
     /// What the verdict is about.
     pub tolerance: Tolerance,
     /// Who decides about it.
@@ -86,8 +88,8 @@ fn one_laying(
     interior: InteriorOrientation,
 ) -> Result<FilmOutcome, Fault> {
     let Some(camera) = scan_camera(picture.size_px(), task, &interior) else { return Ok(stopped(interior)) };
-    let FilmTask { approximation, tolerance, judge, .. } = task.clone();
-    let exterior = Task { camera, approximation, tolerance, judge };
+    let FilmTask { approximation, check, tolerance, judge, .. } = task.clone();
+    let exterior = Task { camera, approximation, check, tolerance, judge };
     let mut outcome = orient(picture, control, &exterior, observer)?;
     if interior.verdict != Verdict::Green {
         hold_at_yellow(&mut outcome, &interior.reasons);

@@ -1,6 +1,7 @@
 //! Runs the stages and the diagnosis for one image, reports progress, and obeys a cancel.
 
 mod assess;
+mod check;
 pub mod desk;
 mod film;
 mod outcome;
@@ -15,6 +16,7 @@ use crate::diagnosis::{Diagnosis, Evidence, Policy, Trial};
 use crate::features::PictureError;
 use crate::geometry::{Camera, ExteriorOrientation, Segment2};
 use crate::learning::Classifier;
+use crate::orientation::ControlPoint;
 
 pub use self::film::{FilmOutcome, FilmTask, OrientFn, hold_at_yellow, orient_film};
 pub use self::run::orient;
@@ -40,6 +42,8 @@ pub struct Task {
     pub camera: Camera,
     /// The approximate orientation.
     pub approximation: Approximation,
+    /// Buildings that the orientation is checked with, and never found by.
+    pub check: Arc<[ControlPoint]>,
     /// What the verdict is about.
     pub tolerance: Tolerance,
     /// Who decides about it.
@@ -163,6 +167,23 @@ pub struct ControlPointResult {
     pub sensitivity: Option<ControlPointSensitivity>,
 }
 
+/// What an image shows of a building that its orientation was not found by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CheckPointResult {
+    /// Its name.
+    pub name: String,
+    /// Its reference point under the final orientation, in pixels of the file.
+    pub predicted_px: Vector2<f64>,
+    /// Where its lines put it; `None` if it was not found.
+    pub located_px: Option<Vector2<f64>>,
+    /// Its edges that have a line segment in the image.
+    pub segments_matched: usize,
+    /// So far apart are the two, reduced pixels; `None` if it was not found. Where all its lines are parallel, across them.
+    pub residual_px: Option<f64>,
+    /// The same at its distance from the camera.
+    pub residual_m: Option<f64>,
+}
+
 /// An ellipse in a plane, in its units: in the image pixels of the file, on the ground metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ellipse {
@@ -278,6 +299,8 @@ pub struct Outcome {
     pub estimate: Option<Estimate>,
     /// The control points that were expected in the image.
     pub control_points: Vec<ControlPointResult>,
+    /// What the image shows of buildings that took no part, under the final orientation; empty without one.
+    pub check_points: Vec<CheckPointResult>,
     /// How the result depends on pairs of those that took part.
     pub pairs: Vec<PairResult>,
     /// Their edges under the final orientation; empty without one.

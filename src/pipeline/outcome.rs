@@ -20,6 +20,7 @@ impl Outcome {
         Self {
             estimate: None,
             control_points: Vec::new(),
+            check_points: Vec::new(),
             pairs: Vec::new(),
             edges: Vec::new(),
             ground_precision: Vec::new(),

@@ -183,7 +183,11 @@ impl<'a> Run<'a> {
             Some(best) => self.outcome(&search, &extraction, best, self.rivals(&search, best, &seen, trials)),
             None => self.not_found(&search, &hypotheses),
         };
-        let outcome = Outcome { cost, ..outcome };
+        let check_points = match &best {
+            Some(best) => self.check_points(&best.adjustment, &mut extraction)?,
+            None => Vec::new(),
+        };
+        let outcome = Outcome { cost, check_points, ..outcome };
         let approximation = approximation.clone();
         let searched = Searched { control, approximation, extraction, best, seen };
         Ok(Attempt { outcome, best_score, searched: Some(searched) })

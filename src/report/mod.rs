@@ -16,12 +16,12 @@ pub use result::{ApproximationOrigin, ApproximationUsed, ClassifierUsed, Orienta
 use crate::diagnosis::{Diagnosis, Features, Verdict};
 use crate::geometry::{Crs, CrsError, LocalFrame, rotation};
 use crate::pipeline::{
-    ConsensusResult, ControlKind, ControlPointResult, ControlPointSensitivity, Cost, Estimate, GroundBounds,
-    GroundPrecision, Outcome, PairResult, SearchReport,
+    CheckPointResult, ConsensusResult, ControlKind, ControlPointResult, ControlPointSensitivity, Cost, Estimate,
+    GroundBounds, GroundPrecision, Outcome, PairResult, SearchReport,
 };
 use result::{
-    ConsensusReport, ControlPointReport, CostReport, CovarianceResult, DiagnosisReport, FeatureReport, GroundPoint,
-    PairSensitivityReport, ReasonReport, RotationResult, SensitivityReport,
+    CheckPointReport, ConsensusReport, ControlPointReport, CostReport, CovarianceResult, DiagnosisReport,
+    FeatureReport, GroundPoint, PairSensitivityReport, ReasonReport, RotationResult, SensitivityReport,
 };
 
 /// Where the answer is to be given.
@@ -70,6 +70,7 @@ pub fn result(
         redundancy: None,
         configuration: None,
         control_points: outcome.control_points.iter().map(control_point).collect(),
+        check_points: outcome.check_points.iter().filter_map(check_point).collect(),
         ground_precision: outcome.ground_precision.iter().filter_map(|p| ground_point(p, frame, output)).collect(),
         consensus: outcome.consensus.as_ref().map(consensus),
         pairs: pairs(outcome),
@@ -185,6 +186,17 @@ fn control_point(point: &ControlPointResult) -> ControlPointReport {
         residual_px: point.residual_px.and_then(finite),
         sensitivity: point.sensitivity.as_ref().and_then(sensitivity),
     }
+}
+
+fn check_point(point: &CheckPointResult) -> Option<CheckPointReport> {
+    Some(CheckPointReport {
+        name: point.name.clone(),
+        predicted_px: pixel(point.predicted_px)?,
+        located_px: point.located_px.and_then(pixel),
+        segments_matched: point.segments_matched,
+        residual_px: point.residual_px.and_then(finite),
+        residual_m: point.residual_m.and_then(finite),
+    })
 }
 
 fn sensitivity(of_point: &ControlPointSensitivity) -> Option<SensitivityReport> {

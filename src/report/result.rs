@@ -34,6 +34,8 @@ pub struct OrientationResult {
     pub configuration: Option<f64>,
     /// The control points that were expected in the image.
     pub control_points: Vec<ControlPointReport>,
+    /// The check points in view: buildings that are never used, and tell how right the result is. Empty without one.
+    pub check_points: Vec<CheckPointReport>,
     /// How the result depends on pairs of control points: those that matter most, at most twenty.
     pub pairs: Vec<PairSensitivityReport>,
     /// Predicted precision on the ground at the image points at 5, 50 and 95 % of width and height, on the horizontal
@@ -142,6 +144,28 @@ pub struct ControlPointReport {
     /// How the result depends on it, if it took part and the others say where it should be.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<SensitivityReport>,
+}
+
+/// What the image shows of a check point under the result.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct CheckPointReport {
+    /// Its name.
+    pub name: String,
+    /// Its reference point under the result.
+    #[schema(value_type = Vec<f64>)]
+    pub predicted_px: [f64; 2],
+    /// Its reference point where its lines put it; left out if it was not found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<f64>>)]
+    pub located_px: Option<[f64; 2]>,
+    /// Its edges that have a line segment in the image.
+    pub segments_matched: usize,
+    /// So far apart are the two, freed of the distortion; where all its lines are parallel, across them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub residual_px: Option<f64>,
+    /// The same at its distance from the camera.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub residual_m: Option<f64>,
 }
 
 /// Predicted precision of one point of the ground, if the orientation is right.

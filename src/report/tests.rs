@@ -55,6 +55,7 @@ fn outcome() -> Outcome {
         trials: vec![],
         ground_height_m: None,
         footprint_m: Vec::new(),
+        check_points: Vec::new(),
         pairs: vec![PairResult {
             control_points: [0, 0],
             test: 4.0,

@@ -182,6 +182,7 @@ fn measure(
         sigma_m: settings.sigma_m,
         reference_m,
         edges_m,
+        edge_sigmas_m: Vec::new(),
         scene: None,
     };
     SimulatedControlPoint { control_point, building: index, fault, shift_m, edge_shifts_m }

@@ -9,7 +9,7 @@ use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use chrono::{DateTime, Utc};
+use chrono::{DateTime, NaiveDate, Utc};
 use sha2::{Digest as _, Sha256};
 use sqlx::FromRow;
 use tokio::io::AsyncWriteExt as _;
@@ -53,6 +53,8 @@ pub struct Header {
     pub position: Option<GeographicPosition>,
     /// Make and model of the camera, if EXIF says.
     pub camera_model: Option<String>,
+    /// When it was taken, if EXIF says.
+    pub taken_on: Option<NaiveDate>,
 }
 
 /// A position as EXIF gives it.
@@ -82,6 +84,7 @@ struct Row {
     created_at: DateTime<Utc>,
     name: Option<String>,
     camera_model: Option<String>,
+    taken_on: Option<NaiveDate>,
 }
 
 impl TryFrom<Row> for Image {
@@ -95,13 +98,13 @@ impl TryFrom<Row> for Image {
             }
             _ => None,
         };
-        let Row { format, width_px, height_px, camera_model, .. } = row;
+        let Row { format, width_px, height_px, camera_model, taken_on, .. } = row;
         Ok(Self {
             id: row.id,
             sha256: row.sha256.try_into().map_err(|bytes: Vec<u8>| unknown("SHA-256", hexadecimal(&bytes)))?,
             size_bytes: u64::try_from(row.size_bytes).map_err(|_| unknown("size", row.size_bytes.to_string()))?,
             name: row.name,
-            header: Header { format, width_px, height_px, position, camera_model },
+            header: Header { format, width_px, height_px, position, camera_model, taken_on },
             created_at: row.created_at,
         })
     }
@@ -235,7 +238,8 @@ impl Store {
                 .await?;
         let inserted = query(
             "INSERT INTO images (id, sha256, size_bytes, format, width_px, height_px, longitude_deg, latitude_deg,
-             height_m, camera_model, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)
+             height_m, camera_model, taken_on, created_at)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
              ON CONFLICT DO NOTHING",
         )
         .bind(id)
@@ -248,6 +252,7 @@ impl Store {
         .bind(header.position.map(|p| p.latitude_deg))
         .bind(header.position.and_then(|p| p.height_m))
         .bind(&header.camera_model)
+        .bind(header.taken_on)
         .bind(now())
         .execute(&mut transaction)
         .await?;

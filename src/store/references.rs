@@ -301,8 +301,14 @@ pub(crate) mod tests {
             let mut upload = self.store.begin_upload().unwrap();
             let id = Uuid::now_v7();
             upload.write(id.as_bytes()).await.unwrap();
-            let header =
-                Header { format: "png".into(), width_px: 60, height_px: 40, position: None, camera_model: None };
+            let header = Header {
+                format: "png".into(),
+                width_px: 60,
+                height_px: 40,
+                position: None,
+                camera_model: None,
+                taken_on: None,
+            };
             self.store.keep_image(id, upload.complete().await.unwrap(), &header, name).await.unwrap().0.id
         }
 

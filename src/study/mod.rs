@@ -40,6 +40,7 @@ pub fn oriented(
     let task = Task {
         camera: scene.camera,
         approximation: scene.approximation.clone(),
+        check: std::sync::Arc::default(),
         tolerance: Tolerance::Gsd(tolerance_gsd),
         judge: Judge { classifier: classifier.clone(), policy: Policy::default() },
     };

@@ -193,3 +193,45 @@ async fn the_extent_is_that_of_all() {
     extent("?crs=EPSG:25833&limit=5").await.problem(422);
     assert_eq!(service.get("/api/v1/control-points/a").await.status, 200);
 }
+
+#[tokio::test]
+async fn sets_are_made_by_imports_and_removed_with_their_control_points() {
+    let service = Service::new().await;
+    let features = [feature("a", 5e5, 5.8e6), feature("b", 5.01e5, 5.8e6)];
+    let report =
+        import(&service, "crs=EPSG:25833&set=nrw-2024&year=2024&use=check&valid_from=2024-02-01", &features).await;
+    assert_eq!(report.json()["imported"], 2);
+    import(&service, "crs=EPSG:25833", &features[..1]).await;
+    let sets = service.get("/api/v1/control-sets").await.json();
+    let told = |i: usize| (sets["items"][i]["name"].clone(), sets["items"][i]["control_points"].clone());
+    assert_eq!((told(0), told(1)), ((json!("default"), json!(1)), (json!("nrw-2024"), json!(2))));
+    assert_eq!(service.get("/api/v1/control-sets/nrw-2024").await.json()["survey_year"], 2024);
+    let of_set = service.get("/api/v1/control-points?sets=nrw-2024").await.json();
+    assert_eq!(of_set["items"].as_array().unwrap().len(), 2);
+    let properties = &of_set["items"][0]["properties"];
+    assert_eq!((&properties["set"], &properties["use"]), (&json!("nrw-2024"), &json!("check")));
+    assert_eq!((&properties["valid_from"], properties.get("valid_to")), (&json!("2024-02-01"), None));
+    assert_eq!(
+        service.get("/api/v1/control-points?date=2024-01-31").await.json()["items"].as_array().unwrap().len(),
+        1
+    );
+    assert_eq!(service.get("/api/v1/control-points/b?set=nrw-2024").await.status, 200);
+    service.get("/api/v1/control-points/b").await.problem(404);
+    assert_eq!(service.get("/api/v1/control-points/b/health?set=nrw-2024").await.json()["seen_in"], 0);
+    assert_eq!(service.delete("/api/v1/control-points/b?set=nrw-2024").await.status, 204);
+    assert_eq!(service.delete("/api/v1/control-sets/nrw-2024").await.status, 204);
+    service.delete("/api/v1/control-sets/nrw-2024").await.problem(404);
+    assert_eq!(service.get("/api/v1/control-sets").await.json()["items"].as_array().unwrap().len(), 1);
+    let pointers = import(&service, "crs=EPSG:25833&set=%20", &features).await.problem(422);
+    assert_eq!(pointers, ["?set"]);
+}
+
+#[tokio::test]
+async fn a_body_is_what_its_type_says() {
+    let service = Service::new().await;
+    for kind in ["application/city+json", "application/city+json-seq", "application/gml+xml"] {
+        send(&service, "", kind, "x").await.problem(422);
+    }
+    let bounded = Service::with(|configuration| configuration.model_max_bytes = 10).await;
+    send(&bounded, "", "application/city+json", "x".repeat(11)).await.problem(413);
+}

@@ -46,6 +46,7 @@ fn outcome(task: &Task) -> Outcome {
         trials: vec![],
         ground_height_m: None,
         footprint_m: Vec::new(),
+        check_points: Vec::new(),
         pairs: vec![],
         ground_precision: vec![],
         consensus: None,

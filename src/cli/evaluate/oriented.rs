@@ -74,6 +74,7 @@ pub(super) fn orient_all(folder: &Path, asked: &Evaluate, loaded: &Loaded) -> an
                 let task = Task {
                     camera: dataset.camera,
                     approximation,
+                    check: std::sync::Arc::default(),
                     tolerance: Tolerance::Gsd(dataset.tolerance_gsd),
                     judge: Judge { classifier: loaded.classifier.clone(), policy: Policy::default() },
                 };

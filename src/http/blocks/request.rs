@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use axum::http::HeaderMap;
+use chrono::NaiveDate;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
@@ -58,6 +59,11 @@ pub(super) struct BlockQuery {
     /// Which control is used; default: whatever there is.
     #[param(inline)]
     control: Option<ControlChoice>,
+    /// The sets of control points that may be used, by their names with commas between; default: all.
+    #[param(example = "default", min_length = 1)]
+    control_sets: Option<String>,
+    /// When the images were taken: buildings that did not stand then are not used. Default: as their files say, else today.
+    date: Option<NaiveDate>,
     /// The CRS of the results; default: that of the list.
     output_crs: Option<String>,
     /// Which of the waiting go first: `low`, `normal` (the default) or `high`.
@@ -113,6 +119,8 @@ impl BlockQuery {
             caution: None,
             threshold: None,
             control: self.control,
+            control_sets: self.control_sets.as_ref().map(|sets| sets.split(',').map(str::to_owned).collect()),
+            date: self.date,
             interior_orientation: None,
             output_crs: self.output_crs.clone(),
             priority: self.priority,

@@ -7,8 +7,10 @@ use chrono::{DateTime, Utc};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::SetQuery;
 use crate::control::points;
-use crate::http::extract::Path;
+use crate::control::sets::DEFAULT_SET;
+use crate::http::extract::{Path, Query};
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::sightings::SightingCounts;
@@ -50,10 +52,11 @@ pub(super) struct HealthAnswer {
 /// Show the health of a control point
 ///
 /// How often accepted images have shown it where it should be. A control point that fails in several of them is out of
-/// date, or was measured wrongly.
+/// date, or was measured wrongly. Control points of the same name in several sets are the same building: they have their
+/// health in common.
 #[utoipa::path(
     get, path = "/control-points/{name}/health", operation_id = "show_control_point_health", tag = "control points",
-    params(("name" = String, Path, description = "Its name")),
+    params(("name" = String, Path, description = "Its name"), SetQuery),
     responses(
         (status = 200, description = "Its health", body = HealthAnswer),
         (status = 404, description = "There is no such control point", body = Problem, content_type = "application/problem+json"),
@@ -63,9 +66,11 @@ pub(super) struct HealthAnswer {
 pub(super) async fn health(
     State(state): State<AppState>,
     Path(name): Path<String>,
+    Query(query): Query<SetQuery>,
 ) -> Result<axum::Json<HealthAnswer>, Problem> {
-    if points::by_name(state.store.database(), &name).await?.is_none() {
-        return Err(Problem::not_found("There is no control point of this name."));
+    let set = query.set.as_deref().unwrap_or(DEFAULT_SET);
+    if points::by_name(state.store.database(), set, &name).await?.is_none() {
+        return Err(Problem::not_found("There is no control point of this name in this set."));
     }
     let counts = state.store.sightings(&name).await?;
     let usually_found = state.store.found_share().await?.unwrap_or(USUALLY_FOUND);

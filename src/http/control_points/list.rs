@@ -1,12 +1,14 @@
 //! Lists of control points.
 
 use axum::extract::State;
+use chrono::NaiveDate;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::health::{self, HealthInShort};
 use crate::control::geojson::{self, ControlPointFeature, ControlPointProperties, MultiLineString};
-use crate::control::{Source, points};
+use crate::control::points::{self, Filter, Kept};
+use crate::control::{Source, sets};
 use crate::http::area::{AreaQuery, DEFAULT_CRS, Rectangle, cursor, known_crs};
 use crate::http::extract::{Query, searched};
 use crate::http::page::{Page, Wanted};
@@ -24,6 +26,12 @@ pub(super) struct ListQuery {
     /// Only those with this in their name, in small or capital letters.
     #[param(max_length = 200)]
     q: Option<String>,
+    /// Only those of these sets, by their names with commas between; default: of all.
+    #[param(example = "default", min_length = 1)]
+    sets: Option<String>,
+    /// Only those that stand like this on that day; default: whenever they stand.
+    #[param(example = "2024-05-17")]
+    date: Option<NaiveDate>,
     /// Whether to tell how each does in accepted images.
     #[serde(default)]
     health: bool,
@@ -98,26 +106,32 @@ pub(super) async fn list(
 }
 
 async fn page(state: &AppState, query: ListQuery) -> Result<Page<ControlPointFeature>, Problem> {
-    let ListQuery { bbox, q, crs, geoid_undulation_m, limit, cursor: begin, .. } = query;
+    let ListQuery { bbox, q, sets: of_sets, date, crs, geoid_undulation_m, limit, cursor: begin, .. } = query;
     let area = AreaQuery { bbox, crs, geoid_undulation_m, limit, cursor: begin };
     let crs = area.crs()?;
     let limit = Wanted::new(area.limit, None)?.limit as usize;
     let rectangle = area.bbox.as_deref().map(Rectangle::parse).transpose()?;
     let region = rectangle.as_ref().map(|rectangle| rectangle.region(&crs)).transpose()?;
-    let wanted = points::Wanted { region, name: searched("q", q.as_deref())? };
+    let filter = Filter {
+        sets: of_sets.map(|names| names.split(',').map(str::to_owned).collect()),
+        date,
+        name: searched("q", q.as_deref())?.map(str::to_owned),
+    };
+    let sets = sets::all(state.store.database()).await?;
+    let name_of = |id: i64| sets.iter().find(|set| set.id == id).map_or("", |set| set.name.as_str());
     let mut after = cursor(area.cursor.as_deref())?;
     let target = Source { crs: &crs, geoid_undulation_m };
     let mut items = Vec::new();
     loop {
         // one more than fits, to know whether there is a next page
-        let found = points::listed(state.store.database(), wanted, after, limit + 1).await?;
+        let found = points::listed(state.store.database(), region, &filter, after, limit + 1).await?;
         let last = found.len() <= limit;
-        for (id, point) in found {
+        for Kept { id, set_id, point } in found {
             if items.len() == limit {
                 return Ok(Page { items, next_cursor: Some(after.to_string()) });
             }
             after = id;
-            let feature = geojson::feature(&point, &target);
+            let feature = geojson::feature(&point, name_of(set_id), &target);
             items
                 .extend(feature.filter(|f| rectangle.as_ref().is_none_or(|rectangle| rectangle.touches(positions(f)))));
         }

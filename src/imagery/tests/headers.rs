@@ -205,6 +205,7 @@ fn formats_and_sizes(#[case] name: &str, #[case] format: Format, #[case] bits: u
         heading: None,
         pixel_size_um: None,
         camera_model: None,
+        taken: None,
     };
     assert_eq!(found, expected);
 }

@@ -98,7 +98,7 @@ fn a_bad_field_is_named(#[case] pointer: &str, #[case] value: Value, #[case] nam
 fn the_control_is_that_which_was_chosen(#[case] control: Value, #[case] wanted: [bool; 2]) {
     let prepared = with("/control", control).prepare(Some([4000, 3000]), &bare()).unwrap();
     let again: Prepared = serde_json::from_value(serde_json::to_value(&prepared).unwrap()).unwrap();
-    assert_eq!([again.kinds().lines, again.kinds().scenes], wanted);
+    assert_eq!([again.wanted().kinds.lines, again.wanted().kinds.scenes], wanted);
 }
 
 #[test]

@@ -43,6 +43,7 @@ impl Bench {
             height_px: SIZE_PX[1],
             position: None,
             camera_model: None,
+            taken_on: None,
         };
         store.keep_image(image_id, upload.complete().await.unwrap(), &header, None).await.unwrap();
         Self { store, camera, camera_id, image_id, _folder: folder }

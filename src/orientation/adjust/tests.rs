@@ -27,7 +27,14 @@ fn town() -> Vec<ControlPoint> {
         let corner = |x: f64, y: f64| at + Vector3::new(x, y, 6.0);
         let rim = [corner(0.0, 0.0), corner(12.0, 1.0), corner(11.0, 9.0), corner(-1.0, 8.0)];
         let edges_m = (0..4).map(|i| Segment3 { start: rim[i], end: rim[(i + 1) % 4] }).collect();
-        ControlPoint { name: format!("house {k}"), sigma_m: 0.05, reference_m: at, edges_m, scene: None }
+        ControlPoint {
+            name: format!("house {k}"),
+            sigma_m: 0.05,
+            reference_m: at,
+            edges_m,
+            edge_sigmas_m: Vec::new(),
+            scene: None,
+        }
     };
     (0..9).map(house).collect()
 }
@@ -56,7 +63,7 @@ fn photograph(control: &[ControlPoint], noise: f64, draws: &mut Draws) -> (Vec<O
         let shift = noise * shifts_px[index];
         let mut matches = Vec::new();
         for (edge, line) in house.edges_m.iter().enumerate() {
-            let variance = EdgeVariance::of_piece(sigma_m_px, 1.0);
+            let variance = EdgeVariance::of_piece(sigma_m_px, sigma_m_px, 1.0);
             let whole = variance.whole.sqrt() * draws.normal();
             let mut end = |point| {
                 let exact = truth().reduced_px(C_PX, point).unwrap() + shift;

@@ -1,0 +1,154 @@
+//! Named sets of control points: an area, a survey. Images are oriented by those that a request names.
+
+use chrono::{DateTime, Utc};
+use sqlx::FromRow;
+
+use super::ControlError;
+use crate::database::{Database, Transaction, query};
+
+/// Where an import names no set.
+pub const DEFAULT_SET: &str = "default";
+/// The longest name of a set.
+pub const LONGEST_NAME: usize = 100;
+
+/// A set.
+#[derive(Debug, Clone, PartialEq, FromRow)]
+pub struct ControlSet {
+    /// The number of its row.
+    pub id: i64,
+    /// Its unique name.
+    pub name: String,
+    /// What is in it.
+    pub description: Option<String>,
+    /// When it was surveyed.
+    pub survey_year: Option<i64>,
+    /// How many control points it has.
+    pub points: i64,
+    /// When it was first imported to.
+    pub created_at: DateTime<Utc>,
+}
+
+/// What is said of a set that control points are written to; where there is none of its name it is made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NewSet {
+    /// Its name.
+    pub name: String,
+    /// When it was surveyed; what is left out stays as it is.
+    pub survey_year: Option<i64>,
+    /// What is in it; what is left out stays as it is.
+    pub description: Option<String>,
+}
+
+impl Default for NewSet {
+    fn default() -> Self {
+        Self { name: DEFAULT_SET.to_owned(), survey_year: None, description: None }
+    }
+}
+
+impl NewSet {
+    /// What is wrong with the name or the year, and what would be right.
+    ///
+    /// # Errors
+    /// A sentence for people.
+    pub fn check(&self) -> Result<(), String> {
+        let name = &self.name;
+        if name.trim().is_empty() || name.chars().count() > LONGEST_NAME || name.chars().any(char::is_control) {
+            return Err(format!(
+                "the name of a set must have 1 to {LONGEST_NAME} characters, none of them a control character"
+            ));
+        }
+        match self.survey_year {
+            Some(year) if !(1800..=2200).contains(&year) => Err(format!("{year} is no year of a survey")),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The number of a set, which is made if there is none of its name.
+pub(super) async fn found_or_made(database: &Database, set: &NewSet) -> Result<i64, ControlError> {
+    Ok(query(
+        "INSERT INTO control_sets (name, description, survey_year, created_at) VALUES ($1, $2, $3, $4)
+         ON CONFLICT (name) DO UPDATE SET
+             description = COALESCE(excluded.description, control_sets.description),
+             survey_year = COALESCE(excluded.survey_year, control_sets.survey_year)
+         RETURNING id",
+    )
+    .bind(&set.name)
+    .bind(&set.description)
+    .bind(set.survey_year)
+    .bind(Utc::now())
+    .fetch_value(database)
+    .await?)
+}
+
+/// All sets, by name.
+///
+/// # Errors
+/// [`ControlError`] if the database fails.
+pub async fn all(database: &Database) -> Result<Vec<ControlSet>, ControlError> {
+    Ok(query("SELECT * FROM control_sets ORDER BY name").fetch_all(database).await?)
+}
+
+/// The set of a name.
+///
+/// # Errors
+/// [`ControlError`] if the database fails.
+pub async fn by_name(database: &Database, name: &str) -> Result<Option<ControlSet>, ControlError> {
+    Ok(query("SELECT * FROM control_sets WHERE name = $1").bind(name).fetch_optional(database).await?)
+}
+
+/// So many control points are removed in one transaction.
+const REMOVED_AT_ONCE: i64 = 20_000;
+
+/// Removes a set with all its control points, some thousands at a time, so that others get to write in between; `false`
+/// if there is none. The default set is emptied, and stays.
+///
+/// # Errors
+/// [`ControlError`] if the database fails; what was removed by then is gone.
+pub async fn remove(database: &Database, name: &str) -> Result<bool, ControlError> {
+    let Some(set) = by_name(database, name).await? else { return Ok(false) };
+    loop {
+        let mut transaction = database.begin_alone().await?;
+        let removed = remove_some(&mut transaction, &set).await?;
+        if removed == 0 && name != DEFAULT_SET {
+            query("DELETE FROM control_sets WHERE id = $1").bind(set.id).execute(&mut transaction).await?;
+        }
+        transaction.commit().await?;
+        if removed == 0 {
+            return Ok(true);
+        }
+    }
+}
+
+async fn remove_some(transaction: &mut Transaction, set: &ControlSet) -> Result<u64, ControlError> {
+    if let Transaction::Sqlite(_) = transaction {
+        query(
+            "DELETE FROM control_point_boxes WHERE id IN (SELECT id FROM control_points WHERE set_id = $1
+             ORDER BY name LIMIT $2)",
+        )
+        .bind(set.id)
+        .bind(REMOVED_AT_ONCE)
+        .execute(&mut *transaction)
+        .await?;
+    }
+    let removed = query(
+        "DELETE FROM control_points WHERE id IN (SELECT id FROM control_points WHERE set_id = $1
+         ORDER BY name LIMIT $2)",
+    )
+    .bind(set.id)
+    .bind(REMOVED_AT_ONCE)
+    .execute(&mut *transaction)
+    .await?;
+    counted(transaction, set.id, -removed.cast_signed()).await?;
+    Ok(removed)
+}
+
+/// Notes that a set has so many control points more.
+pub(super) async fn counted(transaction: &mut Transaction, set_id: i64, more: i64) -> Result<(), ControlError> {
+    query("UPDATE control_sets SET points = points + $1 WHERE id = $2")
+        .bind(more)
+        .bind(set_id)
+        .execute(transaction)
+        .await?;
+    Ok(())
+}
