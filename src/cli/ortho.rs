@@ -5,6 +5,7 @@ use std::process::Command;
 
 use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand};
+use gable::control::{Source, geojson};
 use gable::geometry::Crs;
 use gable::imagery::georeference::{Georeference, world_file_beside};
 use gable::imagery::{ImageFile, Limits};
@@ -13,7 +14,7 @@ use nalgebra::Vector2;
 use serde_json::json;
 
 use super::export::Export;
-use super::{Settings, import, print};
+use super::{Settings, print};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -120,7 +121,7 @@ impl Ortho {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         match self.action {
             Action::Make(make) => make.run().await,
-            Action::Check(check) => check.run().await,
+            Action::Check(check) => tokio::task::spawn_blocking(move || check.run()).await?,
         }
     }
 }
@@ -161,7 +162,7 @@ impl Make {
 }
 
 impl Check {
-    async fn run(self) -> anyhow::Result<()> {
+    fn run(self) -> anyhow::Result<()> {
         let limits = Limits::default();
         let place = georeference(&self.ortho, &limits)?;
         let picture = ImageFile::open(&self.ortho, &limits).with_context(|| self.ortho.display().to_string())?;
@@ -182,7 +183,7 @@ impl Check {
                 against_ortho_photo(ortho, old, search_m)?
             }
             (None, Some(file)) => {
-                let edges = self.edges_m(file, place.crs.as_deref()).await?;
+                let edges = self.edges_m(file, place.crs.as_deref())?;
                 against_edges(ortho, &edges, search_m)?
             }
             (None, None) => bail!("give --against FILE or --edges FILE"),
@@ -191,7 +192,7 @@ impl Check {
     }
 
     /// The lines in the CRS of the ortho-photo.
-    async fn edges_m(&self, file: &Path, named: Option<&str>) -> anyhow::Result<Vec<[Vector2<f64>; 2]>> {
+    fn edges_m(&self, file: &Path, named: Option<&str>) -> anyhow::Result<Vec<[Vector2<f64>; 2]>> {
         let crs = self.crs.clone().context("--edges needs --crs, the CRS of its coordinates")?;
         let of_ortho = match (&self.ortho_crs, named) {
             (Some(crs), _) => crs.clone(),
@@ -199,11 +200,13 @@ impl Check {
             (None, None) => bail!("the ortho-photo does not say its CRS; give --ortho-crs"),
         };
         let geodetic = Crs::parse("EPSG:4979")?;
-        let parsed = import::parse(file, crs, None).await?;
+        let name = || file.display().to_string();
+        let body = std::fs::read(file).with_context(name)?;
+        let parsed = geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: None }).with_context(name)?;
         let mut edges = Vec::new();
         for (_, point) in &parsed.control_points {
-            for edge in &point.edges_geocentric_m {
-                let ends = [edge.start, edge.end];
+            for edge in &point.edges {
+                let ends = [edge.geocentric_m.start, edge.geocentric_m.end];
                 if let Some([least, most]) = self.heights_m {
                     let mut within = true;
                     for end in ends {

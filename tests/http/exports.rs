@@ -46,10 +46,7 @@ async fn a_format_of_one_file_is_that_file_and_one_of_several_an_archive_with_th
     assert!((5.8e6..5.9e6).contains(&numbers[1]), "{line}");
     assert_eq!(answer.headers["content-disposition"], "attachment; filename=\"geo.txt\"");
     let several = working.service.get(&export(&format!("format=orthority&{WHERE}"))).await;
-    assert_eq!(
-        files(&several).into_keys().collect::<Vec<_>>(),
-        ["exterior.geojson", "interior.yaml", "manifest.json"]
-    );
+    assert_eq!(files(&several).into_keys().collect::<Vec<_>>(), ["exterior.geojson", "interior.yaml", "manifest.json"]);
     let archived = working.service.get(&export(&format!("format=odm&archive=true&{WHERE}"))).await;
     let manifest = files(&archived).remove("manifest.json").unwrap();
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
@@ -85,7 +82,8 @@ async fn of_a_block_what_is_accepted_is_exported_and_the_rest_is_named() {
     let query = "/api/v1/blocks?camera=camera&name=flight&sigma_position_m=3,3,5&sigma_tilt_deg=3";
     let post = axum::http::Request::post(query).header("content-type", "text/csv");
     let block = id(&working.service.send(post.body(list.into()).unwrap()).await);
-    let put = axum::http::Request::put(format!("/api/v1/blocks/{block}/images/a.png")).header("content-type", "image/png");
+    let put =
+        axum::http::Request::put(format!("/api/v1/blocks/{block}/images/a.png")).header("content-type", "image/png");
     assert_eq!(working.service.send(put.body(png(1).into()).unwrap()).await.status, 201);
     let orientation = loop {
         let listed = working.service.get(&format!("/api/v1/orientations?block={block}&status=succeeded")).await.json();
