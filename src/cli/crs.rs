@@ -33,7 +33,7 @@ pub(crate) struct CrsCommand {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    Transform(Transform),
+    Transform(Box<Transform>),
     Heights(Heights),
 }
 
@@ -72,7 +72,7 @@ struct Heights {
 impl CrsCommand {
     pub(crate) async fn run(self) -> anyhow::Result<()> {
         let work = move || match self.action {
-            Action::Transform(command) => command.run(),
+            Action::Transform(command) => (*command).run(),
             Action::Heights(command) => command.run(),
         };
         tokio::task::spawn_blocking(work).await?
