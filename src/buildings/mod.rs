@@ -23,22 +23,45 @@ impl Format {
     }
 }
 
-/// What kind of edge of a roof it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[repr(u8)]
+/// What an edge of a roof is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum EdgeKind {
-    /// The lower, level rim of a sloping surface.
-    Eave = 1,
-    /// The upper edge where two sloping surfaces meet.
-    Ridge = 2,
-    /// The sloping rim at a gable (the verge).
-    Gable = 3,
-    /// An outward edge between two sloping surfaces, down to a corner.
-    Hip = 4,
-    /// An inward edge between two sloping surfaces.
-    Valley = 5,
-    /// The rim of a flat roof.
-    Rim = 6,
+    /// Horizontal outer edge from which the roof rises.
+    Eave,
+    /// Horizontal edge between two faces, convex: the top of the roof, or the break of a mansard.
+    Ridge,
+    /// Sloping outer edge, or the horizontal one at the top of a single-pitch roof.
+    Gable,
+    /// Sloping convex edge between two faces.
+    Hip,
+    /// Concave edge between two faces, sloping or not.
+    Valley,
+    /// Outer edge of a flat roof.
+    Rim,
+}
+
+impl EdgeKind {
+    /// All kinds, in the order of their codes.
+    pub const ALL: [Self; 6] = [Self::Eave, Self::Ridge, Self::Gable, Self::Hip, Self::Valley, Self::Rim];
+
+    /// The number under which the kind is stored; it never changes.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Eave => 1,
+            Self::Ridge => 2,
+            Self::Gable => 3,
+            Self::Hip => 4,
+            Self::Valley => 5,
+            Self::Rim => 6,
+        }
+    }
+
+    /// The kind that is stored under a number, if there is one.
+    #[must_use]
+    pub fn from_code(code: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.code() == code)
+    }
 }
 
 /// An edge of a roof, in the CRS of its file: east, north, up.
@@ -96,8 +119,8 @@ pub struct Limits {}
 #[non_exhaustive]
 pub enum ModelError {
     /// It cannot be read.
-    #[error("it cannot be read: {0}")]
-    Read(#[from] std::io::Error),
+    #[error("the file cannot be read: {0}")]
+    Input(#[source] std::io::Error),
     /// It is no building model.
     #[error("{0}")]
     Malformed(String),

@@ -93,7 +93,7 @@ where
     let set_id = found_or_made(database, &import.set).await?;
     let Begun { id, mut report, mut items_done } = resume::begun(database, import, set_id).await?;
     let target = Target { set_id, import_id: id, mode: import.mode };
-    let reader = tokio::task::spawn_blocking(move || gather(&reading, read, items_done, sender));
+    let reader = tokio::task::spawn_blocking(move || gather(&reading, read, items_done, &sender));
     while let Some(Batch { rows, mut rejected, items_done: done }) = batches.recv().await {
         let mut transaction = begin(database, LARGE_CACHE).await?;
         let written = write_batch(&mut transaction, target, rows).await?;
@@ -135,7 +135,7 @@ struct Batch {
 
 /// Reads to the end, or until nobody takes batches any more. Where it fails, the batch that was being gathered is lost:
 /// a small file with an error in it leaves nothing.
-fn gather<F>(reading: &Reading, read: F, skipped: usize, sender: Sender<Batch>) -> Result<(), ReadError>
+fn gather<F>(reading: &Reading, read: F, skipped: usize, sender: &Sender<Batch>) -> Result<(), ReadError>
 where
     F: FnOnce(&Reading, &mut dyn FnMut(usize, Raw) -> ControlFlow<()>) -> Result<(), ReadError>,
 {
