@@ -20,8 +20,6 @@ const COMPACT: usize = 6 * size_of::<i32>() + 3;
 const VERSION: u8 = 1;
 /// Units of a compact coordinate in a metre.
 const UNITS: f64 = 10_000.0;
-const KINDS: [EdgeKind; 6] =
-    [EdgeKind::Eave, EdgeKind::Ridge, EdgeKind::Gable, EdgeKind::Hip, EdgeKind::Valley, EdgeKind::Rim];
 
 /// The bytes of the edges of a control point.
 #[must_use]
@@ -40,7 +38,7 @@ pub(super) fn to_bytes(edges: &[StoredEdge], sigma_m: f64, reference_geocentric_
             let units = ((number - reference_geocentric_m[axis % 3]) * UNITS).round();
             bytes.extend((units as i32).to_le_bytes());
         }
-        bytes.push(edge.kind.map_or(0, |kind| kind as u8));
+        bytes.push(edge.kind.map_or(0, EdgeKind::code));
         let sigma_mm = (1_000.0 * edge.sigma_m).round().clamp(1.0, f64::from(u16::MAX));
         bytes.extend((sigma_mm as u16).to_le_bytes());
     }
@@ -76,7 +74,7 @@ fn compact_edge(bytes: &[u8; COMPACT], reference_geocentric_m: Vector3<f64>) -> 
     let [start, end] = [0, 3].map(|i| reference_geocentric_m + Vector3::new(number(i), number(i + 1), number(i + 2)));
     let kind = match kind {
         0 => None,
-        code => Some(*KINDS.iter().find(|kind| **kind as u8 == code)?),
+        code => Some(EdgeKind::from_code(code)?),
     };
     let sigma_m = f64::from(u16::from_le_bytes([low, high])) / 1_000.0;
     Some(StoredEdge { geocentric_m: Segment3 { start, end }, kind, sigma_m })
@@ -130,7 +128,7 @@ mod tests {
             let reference = Vector3::from(reference);
             let edges: Vec<StoredEdge> = ends.iter().map(|[a, b, c, d, e, f]| {
                 let (start, end) = (reference + Vector3::new(*a, *b, *c), reference + Vector3::new(*d, *e, *f));
-                StoredEdge { geocentric_m: Segment3 { start, end }, kind: Some(KINDS[kind]), sigma_m }
+                StoredEdge { geocentric_m: Segment3 { start, end }, kind: Some(EdgeKind::ALL[kind]), sigma_m }
             }).collect();
             let bytes = to_bytes(&edges, 0.1, reference);
             prop_assert_eq!(bytes.len(), 1 + 27 * edges.len());

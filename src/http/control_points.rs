@@ -168,7 +168,7 @@ async fn import(
         &plan,
         reading,
         move |reading, each| {
-            let file = std::fs::File::open(received.path()).map_err(ModelError::from)?;
+            let file = std::fs::File::open(received.path()).map_err(ModelError::Input)?;
             reading.read(&mut std::io::BufReader::with_capacity(1 << 20, file), each)
         },
         |_| {},
@@ -328,7 +328,7 @@ impl From<ReadError> for Problem {
     fn from(error: ReadError) -> Self {
         match error {
             ReadError::Collection(error) => error.into(),
-            ReadError::Model(ModelError::Read(error)) => Self::internal(&error),
+            ReadError::Model(ModelError::Input(error)) => Self::internal(&error),
             ReadError::Model(error) => Self::invalid_field("", error.to_string()),
             error => Self::invalid_field("?crs", error.to_string()),
         }

@@ -74,9 +74,10 @@ async fn fill(database: &Database, state: &State) -> Result<(), Failure> {
     let (state, count) = (state.clone(), state.buildings);
     let began = Instant::now();
     let (mut before, mut done_before) = (Instant::now(), 0);
+    let plan = Import { mode: Mode::Upsert, ..Import::default() };
     let import = points::import(
         database,
-        &Import { mode: Mode::Upsert, ..Import::default() },
+        &plan,
         reading,
         move |_, each| {
             for index in 0..state.buildings {

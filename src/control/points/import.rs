@@ -13,13 +13,17 @@ use crate::control::geojson::Rejection;
 use crate::control::reading::{Raw, ReadError, Reading};
 use crate::control::sets::{NewSet, found_or_made};
 use crate::control::{ControlError, ImportReport, Mode};
-use crate::database::Database;
+use crate::database::{Database, Transaction, query};
 
 /// So many control points are written in one transaction: large enough that waiting for the disk does not count and that
 /// neighbours come together, small enough that others get to write in between.
 const BATCH: usize = 20_000;
 /// A batch of large buildings ends before: so many edges are in memory a few times over.
 const BATCH_EDGES: usize = 800_000;
+/// Memory for pages of SQLite while it is filled, and at other times (its default): else each batch writes and reads
+/// pages of the index of names again and again, which takes half as long once more.
+const LARGE_CACHE: &str = "PRAGMA cache_size = -131072";
+const USUAL_CACHE: &str = "PRAGMA cache_size = -2000";
 /// Batches that wait to be written, beside the one that is gathered and the one that is written.
 const WAITING: usize = 1;
 
@@ -89,9 +93,9 @@ where
     let set_id = found_or_made(database, &import.set).await?;
     let Begun { id, mut report, mut items_done } = resume::begun(database, import, set_id).await?;
     let target = Target { set_id, import_id: id, mode: import.mode };
-    let reader = tokio::task::spawn_blocking(move || gather(&reading, read, items_done, sender));
+    let reader = tokio::task::spawn_blocking(move || gather(&reading, read, items_done, &sender));
     while let Some(Batch { rows, mut rejected, items_done: done }) = batches.recv().await {
-        let mut transaction = database.begin_alone().await?;
+        let mut transaction = begin(database, LARGE_CACHE).await?;
         let written = write_batch(&mut transaction, target, rows).await?;
         rejected.extend(written.rejected);
         rejected.sort_by_key(|rejection| rejection.index);
@@ -104,13 +108,21 @@ where
         progress(Step { items_done, report: &report, rejected: &rejected });
     }
     reader.await.map_err(|_| ImportError::Panicked)??;
-    let mut transaction = database.begin_alone().await?;
+    let mut transaction = begin(database, USUAL_CACHE).await?;
     if import.mode == Mode::Replace && report.imported + report.updated > 0 {
         remove_others(&mut transaction, target).await?;
     }
     resume::end(&mut transaction, id).await?;
     transaction.commit().await?;
     Ok(report.sorted())
+}
+
+async fn begin(database: &Database, cache: &'static str) -> Result<Transaction, ControlError> {
+    let mut transaction = database.begin_alone().await?;
+    if let Transaction::Sqlite(_) = transaction {
+        query(cache).execute(&mut transaction).await?;
+    }
+    Ok(transaction)
 }
 
 /// Control points that are written together.
@@ -123,7 +135,7 @@ struct Batch {
 
 /// Reads to the end, or until nobody takes batches any more. Where it fails, the batch that was being gathered is lost:
 /// a small file with an error in it leaves nothing.
-fn gather<F>(reading: &Reading, read: F, skipped: usize, sender: Sender<Batch>) -> Result<(), ReadError>
+fn gather<F>(reading: &Reading, read: F, skipped: usize, sender: &Sender<Batch>) -> Result<(), ReadError>
 where
     F: FnOnce(&Reading, &mut dyn FnMut(usize, Raw) -> ControlFlow<()>) -> Result<(), ReadError>,
 {
