@@ -226,6 +226,7 @@ fn the_json_has_the_names_of_the_contract() {
             "redundancy",
             "configuration",
             "control_points",
+            "check_points",
             "ground_precision",
             "pairs",
             "consensus",

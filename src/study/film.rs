@@ -212,7 +212,7 @@ mod tests {
     #[test]
     fn scans_are_brought_to_their_plates_and_nothing_wrong_is_green() {
         let mut rows = Vec::new();
-        for (seeds, corrupt) in [(1..17, false), (1..9, true)] {
+        for (seeds, corrupt) in [(1..25, false), (1..9, true)] {
             for seed in seeds {
                 let settings = settings(seed, corrupt);
                 let scan = SimulatedScan::draw(seed, &settings);

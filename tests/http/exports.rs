@@ -25,7 +25,7 @@ fn files(answer: &Answer) -> std::collections::BTreeMap<String, String> {
             let mut file = archive.by_index(k).unwrap();
             let mut text = String::new();
             file.read_to_string(&mut text).unwrap();
-            (file.name().to_owned(), text)
+            (file.name().unwrap().into_owned(), text)
         })
         .collect()
 }
