@@ -41,5 +41,22 @@ pub fn read(
     }
 }
 
+/// The edges of the roof that is made of these polygons, each of which has rings, the outer one first; `geographic` if
+/// they are in degrees.
+///
+/// # Errors
+/// Why it has none.
+pub(crate) fn roof_edges(polygons: &[Vec<Vec<[f64; 3]>>], geographic: bool) -> Result<Vec<RoofEdge>, String> {
+    let mut surfaces = roof::Surfaces::default();
+    for rings in polygons {
+        for ring in rings {
+            ring.iter().for_each(|point| surfaces.point(*point));
+            surfaces.end_ring();
+        }
+        surfaces.end_polygon();
+    }
+    roof::edges(&surfaces, geographic).map_err(|error| error.to_string())
+}
+
 #[cfg(test)]
 mod tests;

@@ -34,6 +34,10 @@ Examples:
       Adds the roof edges of a building model to a set that requests can choose, and says why of each building that it \
       cannot use. Called again after an interruption, it goes on where it was.
 
+  gable import roofs.gpkg
+      Adds the lines, or the edges of the roof surfaces, of a GeoPackage. Rows with the same cp_id or building_id are one \
+      building.
+
   gable import buildings.geojson --crs EPSG:25832 --geoid-undulation-m 46.2
       The same where heights are above the geoid: height + 46.2 m = ellipsoidal height.
 
@@ -57,14 +61,14 @@ Each entry of a list of scenes is what `POST /control-scenes` takes, with the fi
     \"sigma_azimuth_deg\": 5, \"reference_px\": [212.5, 198.0], \"sigma_m\": 0.05,
     \"reference\": {\"crs\": \"EPSG:25832\", \"coordinates\": [565012.1, 5934410.4, 71.3]}}]";
 
-/// Import control points from a GeoJSON file or a building model, or control scenes, into the data folder
+/// Import control points from GeoJSON, a building model or a GeoPackage, or control scenes, into the data folder
 #[derive(Debug, Args)]
 #[command(
     after_help = EXAMPLES,
     override_usage = "gable import [OPTIONS] [--crs <CRS>] <FILE>\n       gable import [OPTIONS] --scenes <FILE>",
 )]
 pub(crate) struct Import {
-    /// File with the control points: GeoJSON, CityJSON, CityJSONSeq or CityGML.
+    /// File with the control points: GeoJSON, CityJSON, CityJSONSeq, CityGML or GeoPackage.
     #[arg(required_unless_present = "scenes")]
     file: Option<PathBuf>,
     #[command(flatten)]
@@ -109,7 +113,7 @@ pub(crate) struct Import {
 /// How a file of control points is read.
 #[derive(Debug, Clone, Args)]
 struct ReadingFlags {
-    /// CRS of its coordinates: EPSG:<code> or a PROJ string. A building model may say so itself.
+    /// CRS of its coordinates: EPSG:<code> or a PROJ string. A building model or a GeoPackage may say so itself.
     #[arg(long, requires = "file")]
     crs: Option<Crs>,
     /// Its format. [default: by its content and name]
@@ -127,6 +131,7 @@ enum NamedFormat {
     Cityjson,
     Cityjsonseq,
     Citygml,
+    Geopackage,
 }
 
 impl From<NamedFormat> for FileFormat {
@@ -136,6 +141,7 @@ impl From<NamedFormat> for FileFormat {
             NamedFormat::Cityjson => Self::Model(buildings::Format::CityJson),
             NamedFormat::Cityjsonseq => Self::Model(buildings::Format::CityJsonSeq),
             NamedFormat::Citygml => Self::Model(buildings::Format::CityGml),
+            NamedFormat::Geopackage => Self::GeoPackage,
         }
     }
 }
@@ -244,15 +250,22 @@ async fn import_file(
 ) -> anyhow::Result<ImportReport> {
     let name = file.display().to_string();
     let opened = File::open(file).with_context(|| format!("cannot read {name}"))?;
-    let bar = bar(opened.metadata()?.len(), "{msg} {wide_bar} {binary_bytes}/{binary_total_bytes} {eta}");
+    let size_bytes = opened.metadata()?.len();
+    let bar = bar(size_bytes, "{msg} {wide_bar} {binary_bytes}/{binary_total_bytes} {eta}");
     let (done, mut trouble) = (Arc::new(AtomicU64::new(0)), None);
-    let counted = Counted { inner: opened, done: done.clone() };
+    let (counted, told, path) = (Counted { inner: opened, done: done.clone() }, done.clone(), file.to_owned());
     let (began, mut first, heights_assumed) = (Instant::now(), None, reading.heights_assumed.clone());
     let read = points::import(
         database,
         plan,
         reading,
-        move |reading, each| reading.read(&mut BufReader::with_capacity(1 << 20, counted), each),
+        move |reading, each| match reading.format {
+            FileFormat::GeoPackage => {
+                let mut tell = |share| told.store((share * size_bytes as f64) as u64, Ordering::Relaxed);
+                reading.read_geopackage(&path, &mut tell, each)
+            }
+            _ => reading.read(&mut BufReader::with_capacity(1 << 20, counted), each),
+        },
         |step: Step<'_>| {
             let first = *first.get_or_insert(step.report.resumed_at.unwrap_or(0));
             let a_second = (step.items_done - first) as f64 / began.elapsed().as_secs_f64();

@@ -346,7 +346,7 @@ pub(super) fn checked_name(name: Option<String>) -> Result<String, String> {
     Ok(name)
 }
 
-fn checked_sigma(sigma_m: Option<f64>) -> Result<f64, String> {
+pub(super) fn checked_sigma(sigma_m: Option<f64>) -> Result<f64, String> {
     let sigma_m =
         sigma_m.ok_or("properties.sigma_m is missing: the standard deviation of the coordinates in metres")?;
     if !(sigma_m > 0.0 && sigma_m <= LARGEST_SIGMA_M) {

@@ -1,9 +1,10 @@
-//! The database of control: buildings from GeoJSON, scenes with their pictures, and what may be in view of an image.
+//! The database of control: buildings from files, scenes with their pictures, and what may be in view of an image.
 
 pub mod accuracy;
 mod choice;
 mod encoding;
 pub mod geojson;
+mod geopackage;
 mod hilbert;
 pub mod model;
 pub mod near;
@@ -22,6 +23,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use geojson::{CollectionError, Rejection, Source};
+pub use geopackage::{GeoPackageError, Record};
 pub use model::{StoredControlPoint, Use, Validity};
 pub use near::{Kinds, Near, Wanted, around};
 pub use reading::{FileFormat, ReadError, Reading};

@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::io::BufRead;
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::Vector3;
@@ -11,6 +12,7 @@ use serde_json::Value;
 
 use super::accuracy::{MODEL_SIGMA_M, edge_sigma_m};
 use super::geojson::{self, CollectionError, Defaults, Rejection, Source};
+use super::geopackage::{self, GeoPackageError, Record};
 use super::model::{StoredControlPoint, StoredEdge};
 use crate::buildings::{self, Building, Item, Limits, ModelError, RoofEdge};
 use crate::geometry::{Crs, CrsError, Segment3};
@@ -22,12 +24,17 @@ pub enum FileFormat {
     GeoJson,
     /// A building model.
     Model(buildings::Format),
+    /// A GeoPackage with tables of lines or of the surfaces of roofs.
+    GeoPackage,
 }
 
 impl FileFormat {
     /// The format by the first bytes of a file and, where these leave it open, by its name.
     #[must_use]
     pub fn recognise(first: &[u8], name: Option<&str>) -> Option<Self> {
+        if first.starts_with(geopackage::MAGIC) {
+            return Some(Self::GeoPackage);
+        }
         if let Some(format) = buildings::Format::recognise(first, name) {
             return Some(Self::Model(format));
         }
@@ -62,6 +69,9 @@ pub enum ReadError {
     /// It is no building model.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// It is no GeoPackage.
+    #[error(transparent)]
+    GeoPackage(#[from] GeoPackageError),
     /// It names a CRS that is not known.
     #[error("the file names the CRS {named:?}: {source}")]
     UnknownCrs {
@@ -90,12 +100,28 @@ pub enum Raw {
     Feature(Value),
     /// A building with the CRS of its coordinates.
     Building(Building, Arc<Crs>),
+    /// The rows of a building in a GeoPackage.
+    Rows(Box<Record>),
     /// What is none: its name, if it has one, and what is wrong with it.
     Refused(Option<String>, String),
 }
 
 impl Reading {
-    /// Reads, and gives `each` what it finds with its place in the file, until that breaks off.
+    /// Reads a GeoPackage, and gives `each` what it finds with its place in the file, until that breaks off. `progress`
+    /// is told which share of it is read. It must not be called where futures run.
+    ///
+    /// # Errors
+    /// [`ReadError`]; what was given before stands.
+    pub fn read_geopackage(
+        &self,
+        file: &Path,
+        progress: &mut dyn FnMut(f64),
+        each: &mut dyn FnMut(usize, Raw) -> ControlFlow<()>,
+    ) -> Result<(), ReadError> {
+        geopackage::read(self, file, progress, each)
+    }
+
+    /// Reads anything but a GeoPackage, and gives `each` what it finds with its place in the file, until that breaks off.
     ///
     /// # Errors
     /// [`ReadError`]; what was given before stands.
@@ -125,6 +151,7 @@ impl Reading {
                 failed.map_or(Ok(()), Err)?;
                 Ok(read?)
             }
+            FileFormat::GeoPackage => Err(GeoPackageError::Streamed.into()),
         }
     }
 
@@ -146,6 +173,10 @@ impl Reading {
                 let source = Source { crs: &crs, geoid_undulation_m: self.geoid_undulation_m };
                 of_building(&building, &source, self.defaults).map_err(|detail| refuse(Some(building.name), detail))
             }
+            Raw::Rows(record) => {
+                let name = record.name().map(str::to_owned);
+                record.control_point(self.geoid_undulation_m, self.defaults).map_err(|detail| refuse(name, detail))
+            }
             Raw::Feature(feature) => {
                 let name = geojson::name_of(&feature);
                 let Some(crs) = &self.crs else { return Err(refuse(name, ReadError::NoCrs.to_string())) };
@@ -158,10 +189,10 @@ impl Reading {
 
 /// The CRSs that a file names, each understood once.
 #[derive(Default)]
-struct KnownCrs(HashMap<Option<Arc<str>>, Arc<Crs>>);
+pub(super) struct KnownCrs(HashMap<Option<Arc<str>>, Arc<Crs>>);
 
 impl KnownCrs {
-    fn of(&mut self, reading: &Reading, named: Option<&Arc<str>>) -> Result<Arc<Crs>, ReadError> {
+    pub(super) fn of(&mut self, reading: &Reading, named: Option<&Arc<str>>) -> Result<Arc<Crs>, ReadError> {
         if let Some(known) = self.0.get(&named.cloned()) {
             return Ok(known.clone());
         }
@@ -199,7 +230,11 @@ fn agreed(reading: &Reading, named: Option<&str>) -> Result<Crs, ReadError> {
 }
 
 /// The control point of a building: its roof edges, each as good as its kind allows.
-fn of_building(building: &Building, source: &Source<'_>, defaults: Defaults) -> Result<StoredControlPoint, String> {
+pub(super) fn of_building(
+    building: &Building,
+    source: &Source<'_>,
+    defaults: Defaults,
+) -> Result<StoredControlPoint, String> {
     let name = geojson::checked_name(Some(building.name.clone()))?;
     if building.edges.len() > geojson::MOST_EDGES {
         return Err(format!(
@@ -216,7 +251,7 @@ fn of_building(building: &Building, source: &Source<'_>, defaults: Defaults) -> 
         ));
     }
     let of_crs_m = source.crs.accuracy_m();
-    let mut corners = Corners { source, known: Vec::with_capacity(building.edges.len()) };
+    let mut corners = Corners::new(source, building.edges.len());
     let mut edges = Vec::with_capacity(building.edges.len());
     for RoofEdge { kind, start, end } in &building.edges {
         let geocentric_m = Segment3 { start: corners.geocentric_m(*start)?, end: corners.geocentric_m(*end)? };
@@ -243,7 +278,7 @@ fn of_building(building: &Building, source: &Source<'_>, defaults: Defaults) -> 
 }
 
 /// The corners of a roof, in which several edges meet: each is transformed once.
-struct Corners<'s> {
+pub(super) struct Corners<'s> {
     source: &'s Source<'s>,
     known: Vec<([f64; 3], Vector3<f64>)>,
 }
@@ -251,8 +286,13 @@ struct Corners<'s> {
 /// A roof with more corners is not searched through for each.
 const CORNERS_SEARCHED: usize = 64;
 
-impl Corners<'_> {
-    fn geocentric_m(&mut self, position: [f64; 3]) -> Result<Vector3<f64>, String> {
+impl<'s> Corners<'s> {
+    /// About so many corners are to be expected.
+    pub(super) fn new(source: &'s Source<'s>, corners: usize) -> Self {
+        Self { source, known: Vec::with_capacity(corners) }
+    }
+
+    pub(super) fn geocentric_m(&mut self, position: [f64; 3]) -> Result<Vector3<f64>, String> {
         let latest = self.known.iter().rev().take(CORNERS_SEARCHED);
         if let Some((_, known_m)) = latest.into_iter().find(|(corner, _)| *corner == position) {
             return Ok(*known_m);

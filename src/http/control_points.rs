@@ -26,7 +26,8 @@ use crate::control::geojson::{self, ControlPointFeature, Defaults};
 use crate::control::points::{self, Import, ImportError};
 use crate::control::sets::{DEFAULT_SET, NewSet};
 use crate::control::{
-    CollectionError, ControlError, FileFormat, ImportReport, Mode, ReadError, Reading, Source, Use, Validity,
+    CollectionError, ControlError, FileFormat, GeoPackageError, ImportReport, Mode, ReadError, Reading, Source, Use,
+    Validity,
 };
 use crate::report::Warning;
 use crate::store::images::Received;
@@ -62,8 +63,8 @@ struct Collection {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct ImportQuery {
-    /// The CRS of the coordinates: `EPSG:<code>` or a PROJ string. A building model may say so itself; then it may be left
-    /// out, and must not contradict.
+    /// The CRS of the coordinates: `EPSG:<code>` or a PROJ string. A building model or a GeoPackage may say so itself;
+    /// then it may be left out, and must not contradict.
     #[param(example = "EPSG:25832", min_length = 1)]
     crs: Option<String>,
     /// What makes the heights ellipsoidal: height above the geoid + this = ellipsoidal height.
@@ -116,6 +117,12 @@ impl ImportQuery {
 #[expect(dead_code, reason = "only describes the body, which is read a building at a time")]
 struct Model(Vec<u8>);
 
+/// A GeoPackage with tables of `LINESTRING`, `MULTILINESTRING`, `POLYGON` or `MULTIPOLYGON` with Z.
+#[derive(ToSchema)]
+#[schema(as = GeoPackage, value_type = String, format = Binary)]
+#[expect(dead_code, reason = "only describes the body, which is read a row at a time")]
+struct Package(Vec<u8>);
+
 /// What an import did.
 #[derive(Debug, Serialize, ToSchema)]
 struct ImportAnswer {
@@ -132,19 +139,22 @@ struct ImportAnswer {
 /// positions), with the properties `name` (unique in its set), `sigma_m` (standard deviation of its coordinates) and, if
 /// wanted, `reference` (`[x, y, z]`; default: the mean of the segments' midpoints), `use`, `valid_from`, `valid_to`, and
 /// for each line `edge_kinds` and `edge_sigma_m`. Or a building model, of which each building is one control point, its
-/// roof edges as good as their kind allows. One bad feature never loses the others. Of a large file what is good before a
+/// roof edges as good as their kind allows. Or a GeoPackage with the columns `name`, `cp_id` or `building_id` (rows with the
+/// same one are one building), `sigma_m` (or `sigma_xy` and `sigma_z`), `edge_type`, `use`, `valid_from` and `valid_to`: its
+/// lines are edges, and of its surfaces the edges are found as in a building model. One bad feature never loses the others. Of a large file what is good before a
 /// fault in the file itself stays.
 #[utoipa::path(
     post, path = "/control-points", operation_id = "import_control_points", tag = "control points", params(ImportQuery),
     request_body(content(
         (Collection = "application/geo+json"), (Collection = "application/json"),
         (Model = "application/city+json"), (Model = "application/city+json-seq"), (Model = "application/gml+xml"),
+        (Package = "application/geopackage+sqlite3"),
     )),
     responses(
         (status = 200, description = "What was imported, updated and rejected", body = ImportAnswer),
         (status = 400, description = "Not JSON, or not XML", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "Larger than this service accepts", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "Not a FeatureCollection or a building model, or an unknown CRS", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "Not a FeatureCollection, a building model or a GeoPackage, or an unknown CRS", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
 )]
@@ -168,6 +178,9 @@ async fn import(
         &plan,
         reading,
         move |reading, each| {
+            if reading.format == FileFormat::GeoPackage {
+                return reading.read_geopackage(received.path(), &mut |_| {}, each);
+            }
             let file = std::fs::File::open(received.path()).map_err(ModelError::Input)?;
             reading.read(&mut std::io::BufReader::with_capacity(1 << 20, file), each)
         },
@@ -190,9 +203,10 @@ fn format_of(state: &AppState, kind: Option<&str>) -> Result<(FileFormat, u64), 
         Some("application/city+json") => model(buildings::Format::CityJson),
         Some("application/city+json-seq") => model(buildings::Format::CityJsonSeq),
         Some("application/gml+xml") => model(buildings::Format::CityGml),
+        Some("application/geopackage+sqlite3") => Ok((FileFormat::GeoPackage, state.configuration.model_max_bytes)),
         given => Err(Problem::unsupported_type(format!(
-            "Content-Type is {}; it must be application/geo+json, application/city+json, application/city+json-seq or \
-             application/gml+xml",
+            "Content-Type is {}; it must be application/geo+json, application/city+json, application/city+json-seq, \
+             application/gml+xml or application/geopackage+sqlite3",
             given.unwrap_or("none")
         ))),
     }
@@ -328,7 +342,13 @@ impl From<ReadError> for Problem {
     fn from(error: ReadError) -> Self {
         match error {
             ReadError::Collection(error) => error.into(),
-            ReadError::Model(ModelError::Input(error)) => Self::internal(&error),
+            ReadError::Model(ModelError::Input(error)) | ReadError::GeoPackage(GeoPackageError::Input(error)) => {
+                Self::internal(&error)
+            }
+            ReadError::GeoPackage(error @ GeoPackageError::OtherCrs { .. }) => {
+                Self::invalid_field("?crs", error.to_string())
+            }
+            ReadError::GeoPackage(error) => Self::invalid_field("", error.to_string()),
             ReadError::Model(error) => Self::invalid_field("", error.to_string()),
             error => Self::invalid_field("?crs", error.to_string()),
         }

@@ -229,9 +229,48 @@ async fn sets_are_made_by_imports_and_removed_with_their_control_points() {
 #[tokio::test]
 async fn a_body_is_what_its_type_says() {
     let service = Service::new().await;
-    for kind in ["application/city+json", "application/city+json-seq", "application/gml+xml"] {
+    for kind in
+        ["application/city+json", "application/city+json-seq", "application/gml+xml", "application/geopackage+sqlite3"]
+    {
         send(&service, "", kind, "x").await.problem(422);
     }
     let bounded = Service::with(|configuration| configuration.model_max_bytes = 10).await;
     send(&bounded, "", "application/city+json", "x".repeat(11)).await.problem(413);
+}
+
+#[tokio::test]
+async fn a_geopackage_says_itself_in_which_crs_it_is() {
+    let service = Service::new().await;
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("roofs.gpkg");
+    let pool = sqlx::SqlitePool::connect(&format!("sqlite:{}?mode=rwc", file.display())).await.unwrap();
+    sqlx::raw_sql(
+        "CREATE TABLE gpkg_spatial_ref_sys (srs_id INTEGER, organization TEXT, organization_coordsys_id INTEGER);
+         INSERT INTO gpkg_spatial_ref_sys VALUES (1, 'EPSG', 25833);
+         CREATE TABLE gpkg_contents (table_name TEXT, data_type TEXT);
+         INSERT INTO gpkg_contents VALUES ('edges', 'features');
+         CREATE TABLE gpkg_geometry_columns (table_name TEXT, column_name TEXT, geometry_type_name TEXT, srs_id INTEGER);
+         INSERT INTO gpkg_geometry_columns VALUES ('edges', 'geom', 'LINESTRING', 1);
+         CREATE TABLE edges (fid INTEGER PRIMARY KEY, geom BLOB, name TEXT, sigma_m REAL);
+         INSERT INTO edges VALUES (2, x'4750', 'torn', 0.1)",
+    )
+    .execute(&pool)
+    .await
+    .unwrap();
+    let mut geometry = [&b"GP\0\x01\x01\0\0\0\x01"[..], &1002_u32.to_le_bytes(), &2_u32.to_le_bytes()].concat();
+    geometry.extend([5e5, 5.8e6, 70.0, 5.0001e5, 5.8e6, 75.0_f64].into_iter().flat_map(f64::to_le_bytes));
+    sqlx::query("INSERT INTO edges VALUES (1, $1, 'a', 0.1)").bind(geometry).execute(&pool).await.unwrap();
+    pool.close().await;
+    let body = std::fs::read(&file).unwrap();
+    let report = send(&service, "", "application/geopackage+sqlite3", body.clone()).await.json();
+    assert_eq!((&report["imported"], &report["rejected_count"]), (&json!(1), &json!(1)), "{report}");
+    assert_eq!(report["rejected"][0]["name"], "torn");
+    assert_eq!(report["warnings"][0]["code"], "vertical_assumed_ellipsoidal");
+    let of_geojson = import(&service, "crs=EPSG:25833&set=other", &[feature("a", 5e5, 5.8e6)]).await;
+    assert_eq!(of_geojson.status, 200);
+    let edges =
+        async |set: &str| service.get(&format!("/api/v1/control-points/a?set={set}")).await.json()["geometry"].clone();
+    assert_eq!(edges("default").await, edges("other").await);
+    let pointers = send(&service, "crs=EPSG:25832", "application/geopackage+sqlite3", body).await.problem(422);
+    assert_eq!(pointers, ["?crs"]);
 }

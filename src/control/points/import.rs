@@ -145,7 +145,11 @@ where
         if index < skipped {
             return ControlFlow::Continue(());
         }
-        edges += if let Raw::Building(building, _) = &raw { building.edges.len() } else { 0 };
+        edges += match &raw {
+            Raw::Building(building, _) => building.edges.len(),
+            Raw::Rows(record) => record.weight(),
+            Raw::Feature(_) | Raw::Refused(..) => 0,
+        };
         raws.push((index, raw));
         if raws.len() < BATCH && edges < BATCH_EDGES {
             return ControlFlow::Continue(());
