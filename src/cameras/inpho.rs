@@ -9,9 +9,9 @@
 //! What the sign of the coefficients means no description says that was at hand. They are taken photogrammetrically, as
 //! corrections that are added to what was measured, with x, y from PPS: x + x (K0 + K1 r² + K2 r⁴ + …) + P1 (r² + 2 x²) +
 //! 2 P2 x y; `exports` writes the same. A warning says so, and by how many pixels which way, which is how to see whether it
-//! is true of a lens. Doubt is due: in a public project of a Phase One iXU-RS1000 with 50 mm K1 is -1.46e-5 /mm², which by
-//! this makes a pincushion of 79 px in the corners, and lenses of its kind are barrels; OSSIM, which subtracts, has
-//! -1.40e-5 for a like camera.
+//! is true of a lens. Doubt is due: in a public project of a Phase One iXU-RS1000 (c = 51.68 mm) K1 is -1.46e-5
+//! and K2 4.1e-9, which by this makes a pincushion of 79 px in the corners; the calibration of much the same lens for OSSIM
+//! (c = 51.59 mm, K1 -1.40e-5, K2 3.8e-9) is subtracted there, and makes the barrel that is usual.
 
 use nalgebra::{Matrix2, Vector2};
 

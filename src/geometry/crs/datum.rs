@@ -75,7 +75,7 @@ impl Datum {
                 let target = Ellipsoid::GRS80.geodetic(geocentric_m);
                 let at_height = |height_m: f64| {
                     let etrs89_m = Ellipsoid::GRS80.geocentric_m(Geodetic { height_m, ..target });
-                    Ellipsoid::BESSEL.geodetic(helmert.from_etrs89_m(etrs89_m))
+                    Ellipsoid::BESSEL.geodetic(helmert.bessel_m(etrs89_m))
                 };
                 // The way back starts where the way there arrived: as high above Bessel's ellipsoid as the target is
                 // above GRS 80. The first look tells how far the two are apart here.
@@ -87,12 +87,14 @@ impl Datum {
 }
 
 impl Helmert {
+    /// From the triangulation to ETRS89, geocentric.
     fn etrs89_m(&self, bessel_m: Vector3<f64>) -> Vector3<f64> {
         let turn = self.rotation_rad().cross_matrix();
         self.scale * (bessel_m + turn * bessel_m) + Vector3::from(self.translation_m)
     }
 
-    fn from_etrs89_m(&self, etrs89_m: Vector3<f64>) -> Vector3<f64> {
+    /// The inverse of [`Self::etrs89_m`].
+    fn bessel_m(&self, etrs89_m: Vector3<f64>) -> Vector3<f64> {
         let rotation_rad = self.rotation_rad();
         let (turn, reduced_m) =
             (rotation_rad.cross_matrix(), (etrs89_m - Vector3::from(self.translation_m)) / self.scale);
