@@ -7,6 +7,7 @@
 mod australis;
 mod colmap;
 pub mod conversion;
+mod inpho;
 mod metashape;
 mod opencv;
 mod opensfm;
@@ -37,19 +38,22 @@ pub enum Format {
     Pix4d,
     /// Australis, iWitness and reports in their form: C, XP, YP, K1 to K3, P1, P2, B1, B2.
     Australis,
+    /// Inpho: the cameras of a project, `.prj`.
+    Inpho,
 }
 
 /// The name in the contract of the reports of film cameras, which [`usgs`] reads.
 pub const USGS: &str = "usgs";
 
 /// The formats of digital cameras with their names in the contract.
-pub const FORMATS: [(&str, Format); 6] = [
+pub const FORMATS: [(&str, Format); 7] = [
     ("opencv", Format::OpenCv),
     ("colmap", Format::Colmap),
     ("opensfm", Format::OpenSfm),
     ("metashape", Format::Metashape),
     ("pix4d", Format::Pix4d),
     ("australis", Format::Australis),
+    ("inpho", Format::Inpho),
 ];
 
 /// A calibration, and what is said beside it.
@@ -162,9 +166,10 @@ impl Format {
     /// The format of a text, where it cannot be mistaken.
     #[must_use]
     pub fn detect(text: &str) -> Option<Self> {
-        let looks: [Look; 6] = [
+        let looks: [Look; 7] = [
             (opensfm::is_one, Self::OpenSfm),
             (pix4d::is_one, Self::Pix4d),
+            (inpho::is_one, Self::Inpho),
             (metashape::is_one, Self::Metashape),
             (opencv::is_one, Self::OpenCv),
             (colmap::is_one, Self::Colmap),
@@ -185,6 +190,7 @@ impl Format {
             Self::Metashape => metashape::read(given),
             Self::Pix4d => pix4d::read(given),
             Self::Australis => australis::read(given),
+            Self::Inpho => inpho::read(given),
         }
     }
 }

@@ -8,7 +8,7 @@ use rstest::rstest;
 
 use super::*;
 
-const FILES: [(&str, Format, &str); 12] = [
+const FILES: [(&str, Format, &str); 13] = [
     ("opencv.yaml", Format::OpenCv, include_str!("tests/opencv.yaml")),
     ("opencv.json", Format::OpenCv, include_str!("tests/opencv.json")),
     ("opencv.xml", Format::OpenCv, include_str!("tests/opencv.xml")),
@@ -20,6 +20,7 @@ const FILES: [(&str, Format, &str); 12] = [
     ("metashape_k4.xml", Format::Metashape, include_str!("tests/metashape_k4.xml")),
     ("pix4d.cam", Format::Pix4d, include_str!("tests/pix4d.cam")),
     ("australis.txt", Format::Australis, include_str!("tests/australis.txt")),
+    ("inpho.prj", Format::Inpho, include_str!("tests/inpho.prj")),
     ("", Format::OpenCv, ""),
 ];
 
@@ -49,7 +50,7 @@ fn expected() -> BTreeMap<(&'static str, &'static str), Vec<[f64; 4]>> {
 #[test]
 fn rays_fall_where_the_program_of_the_file_has_them() {
     let expected = expected();
-    assert_eq!(expected.len(), 17);
+    assert_eq!(expected.len(), 19);
     for ((file, camera), rays) in expected {
         let (format, given) = given(file, camera);
         let Converted { conversion, .. } = format.read(&given).unwrap();
@@ -107,6 +108,9 @@ fn the_formats_are_told_apart() {
 #[case("cameras.json", Some("v2 b 4000 3000 perspective 0.9"), Some([4000, 4000]), "ratio of sides")]
 #[case("pix4d.cam", None, None, "give image_size_px")]
 #[case("pix4d.cam", None, Some([4000, 4000]), "image_size_px contradicts")]
+#[case("inpho.prj", None, None, "\"upright\", \"turned\", \"RMK\"")]
+#[case("inpho.prj", Some("RMK"), None, "FilmFrame cannot be converted: it is a film camera")]
+#[case("inpho.prj", Some("turned"), Some([11608, 8708]), "image_size_px contradicts")]
 fn what_cannot_be_read_says_why(
     #[case] file: &str,
     #[case] camera: Option<&str>,
@@ -143,6 +147,39 @@ fn what_cannot_be_read_says_why(
 #[case(Format::Metashape, "<calibration><fx>9</fx><width>9</width><height>9</height></calibration>", "1.3")]
 #[case(Format::Metashape, "<calibration><projection>fisheye</projection><f>9</f></calibration>", "fisheye")]
 #[case(Format::Pix4d, "F 9", "line 1")]
+#[case(Format::Inpho, "$PHOTO\n$CAMERA_ID : a\n$END", "no camera")]
+#[case(
+    Format::Inpho,
+    "$CAMERA\n$FOCAL_LENGTH : 50\n$CCD_COLUMNS : 9\n$CCD_ROWS : 9\n$END",
+    "$CCD_INTERIOR_ORIENTATION: it is missing"
+)]
+#[case(
+    Format::Inpho,
+    "$CAMERA\n$CCD_COLUMNS : 9\n$CCD_ROWS : 9\n$CCD_INTERIOR_ORIENTATION :\n9 0 4\n0 9 4\n$END",
+    "mirrors"
+)]
+#[case(
+    Format::Inpho,
+    "$CAMERA\n$CCD_COLUMNS : 9\n$CCD_ROWS : 9\n$CCD_INTERIOR_ORIENTATION :\n9 0 4\n0 -9\n$END",
+    "5 numbers"
+)]
+#[case(
+    Format::Inpho,
+    "$CAMERA\n$CCD_COLUMNS : 9\n$CCD_ROWS : 9\n$CCD_INTERIOR_ORIENTATION :\n9 0 4\n0 -9 4\n$END",
+    "$FOCAL_LENGTH"
+)]
+#[case(Format::Inpho, "$CAMERA\n$PIXEL_REFERENCE : TopLeft\n$END", "CenterTopLeft")]
+#[case(Format::Inpho, "$CAMERA\n$KIND : CCDLine\n$END", "CCDFrame")]
+#[case(
+    Format::Inpho,
+    "$CAMERA_DEFINITION\n  $ID : a\n  $CALIBRATION_SET :\n  $END\n  $CALIBRATION_SET :\n  $END\n$END",
+    "$ACTIVE_CALIBRATION"
+)]
+#[case(
+    Format::Inpho,
+    "$CAMERA\n$CCD_COLUMNS : 900\n$CCD_ROWS : 900\n$CCD_INTERIOR_ORIENTATION :\n9 0 4\n0 -9 4\n$FOCAL_LENGTH : 50\n$DISTORTION_TYPE : Grid\n$END",
+    "Polynomial"
+)]
 #[case(Format::Australis, "C 50\nXP 0\nYP 0\nK1 0\nH 100 0.01\n", "image_size_px")]
 fn a_fault_is_named(#[case] format: Format, #[case] text: &str, #[case] named: &str) {
     let refused = format.read(&Given { text, ..Given::default() }).unwrap_err().to_string();
@@ -186,6 +223,32 @@ fn the_calibration_of_opensfm_serves_larger_images_of_the_same_shape() {
     let small = format.read(&Given { image_size_px: None, ..given }).unwrap().conversion.camera;
     let ideal = Vector2::new(0.3, -0.2);
     assert!((large.pixel_from_ideal(ideal) - 4.0 * small.pixel_from_ideal(ideal)).norm() < 1e-9);
+}
+
+#[test]
+fn the_sign_of_inpho_is_told_with_what_it_means() {
+    let (format, given) = given("inpho.prj", "turned");
+    let Converted { name, warnings, .. } = format.read(&given).unwrap();
+    assert_eq!(name.as_deref(), Some("turned"));
+    let [turned, sign] = warnings.as_slice() else { panic!("{warnings:?}") };
+    assert!(turned.contains("90.00°"), "{turned}");
+    // 1.4e-5 r² - 4e-9 r⁴ at r = 33.3 mm is 0.35 mm, and decentring 0.01 mm
+    assert!(sign.contains("nearer to the middle") && sign.contains("barrel") && sign.contains("sign"), "{sign}");
+    let other = given.text.replace("0 1.4e-5 -4.0e-9", "0 -1.4e-5 4.0e-9").replace("3.4e-6 4.3e-6", "-3.4e-6 -4.3e-6");
+    let sign = format.read(&Given { text: &other, ..given }).unwrap().warnings.pop().unwrap();
+    assert!(sign.contains("farther from the middle") && sign.contains("pincushion"), "{sign}");
+}
+
+#[test]
+fn a_project_of_inpho_without_distortion_is_taken_over_as_it_is() {
+    let text = "$CAMERA\n  $TYPE : old\n  $CCD_INTERIOR_ORIENTATION :\n    100 0 1999.5\n    0 -100 1499.5\n  $CCD_COLUMNS : 4000\n\
+                \x20 $CCD_ROWS : 3000\n  $FOCAL_LENGTH : 50.5\n  $PRINCIPAL_POINT_PPA : 0.01 0.02\n$END\n";
+    let Converted { name, conversion, warnings } = Format::Inpho.read(&Given { text, ..Given::default() }).unwrap();
+    assert!(conversion.exact);
+    assert_eq!(name.as_deref(), Some("old"));
+    assert_eq!(conversion.camera.principal_distance_px, 5050.0);
+    assert!((conversion.camera.principal_point_px() - Vector2::new(2001.0, 1498.0)).norm() < 1e-9);
+    assert!(warnings.len() == 1 && warnings[0].contains("CenterTopLeft"), "{warnings:?}");
 }
 
 #[test]

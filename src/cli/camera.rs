@@ -41,7 +41,7 @@ enum Action {
 struct Convert {
     /// The calibration.
     file: PathBuf,
-    /// The program that wrote it: opencv, colmap, opensfm, metashape, pix4d, australis; or usgs, the text of a report of a
+    /// The program that wrote it: opencv, colmap, opensfm, metashape, pix4d, australis, inpho; or usgs, the text of a report of a
     /// film camera. [default: as it looks]
     #[arg(long, value_name = "FORMAT", value_parser = format)]
     format: Option<Wanted>,

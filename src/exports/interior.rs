@@ -75,6 +75,14 @@ impl Corrections {
     /// # Errors
     /// [`ExportError::NoFit`] if the frame has no extent.
     pub(super) fn fitted(photograph: &Photograph) -> Result<Self, ExportError> {
+        Self::fitted_to_pixels(photograph, [photograph.pixel_size_mm; 2])
+    }
+
+    /// The same where the format has pixels that are not square: their width and height in millimetres.
+    ///
+    /// # Errors
+    /// As [`Self::fitted`].
+    pub(super) fn fitted_to_pixels(photograph: &Photograph, pixel_mm: [f64; 2]) -> Result<Self, ExportError> {
         let camera = &photograph.camera;
         let principal_px = camera.principal_point_px();
         let mm = photograph.pixel_size_mm;
@@ -84,8 +92,8 @@ impl Corrections {
         for (across, down) in SHARES.iter().flat_map(|across| SHARES.map(|down| (*across, down))) {
             let pixel = camera.frame_px(across, down);
             let reduced = camera.reduced_from_pixel(pixel).ok_or(ExportError::NoFit)?;
-            let measured = plate_mm(pixel - principal_px, mm);
-            let missing = plate_mm(reduced, mm) - measured;
+            let measured = plate_mm(pixel - principal_px, pixel_mm);
+            let missing = plate_mm(reduced, [mm; 2]) - measured;
             let (x, y) = (measured.x / unit_mm, measured.y / unit_mm);
             let r2 = x * x + y * y;
             let rows = [
@@ -110,6 +118,6 @@ impl Corrections {
 }
 
 /// From pixels with y down to millimetres with y up.
-fn plate_mm(px: Vector2<f64>, pixel_size_mm: f64) -> Vector2<f64> {
-    Vector2::new(px.x, -px.y) * pixel_size_mm
+fn plate_mm(px: Vector2<f64>, [width_mm, height_mm]: [f64; 2]) -> Vector2<f64> {
+    Vector2::new(px.x * width_mm, -px.y * height_mm)
 }

@@ -4,6 +4,7 @@ use approx::assert_abs_diff_eq;
 use nalgebra::{Vector2, Vector3};
 
 use super::*;
+use crate::cameras;
 use crate::geometry::{Brown, Camera, LocalFrame, rotation};
 
 /// An aerial photograph over Bonn: 2 km above the ground, tilted, with a lens that distorts.
@@ -142,4 +143,31 @@ fn angles_of_bingo_are_of_its_own_order() {
         * Rotation3::from_axis_angle(&Vector3::z_axis(), rad(numbers[5]));
     let fitted = GridOrientation::fitted(&photograph, &target).unwrap();
     assert_abs_diff_eq!(grid_from_camera.angle_to(&fitted.camera_from_grid.inverse()), 0.0, epsilon = 1e-8);
+}
+
+#[test]
+fn what_is_written_for_inpho_is_read_back_as_the_same_camera() {
+    let mut photograph = photograph();
+    let usual = Brown { k1: -0.0468, k2: 0.0207, k3: 0.001, p1: 0.0003, p2: -0.0002, ..Brown::default() };
+    for distortion in [
+        usual,
+        Brown { b1_px: 1.5, ..usual },
+        Brown { k1: 0.02, ..Brown::default() },
+        Brown { b1_px: -3.0, ..Brown::default() },
+        Brown::default(),
+    ] {
+        photograph.camera = Camera::new([9000, 6000], 8000.0, Vector2::new(4480.0, 3025.0), distortion).unwrap();
+        let mut other = photograph.clone();
+        other.camera_name = "other".into();
+        let files = write(Format::Inpho, &[photograph.clone(), other], &utm()).unwrap();
+        let given = cameras::Given { text: &files[0].text, camera: Some("big,_one"), ..cameras::Given::default() };
+        assert_eq!(cameras::Format::detect(given.text), Some(cameras::Format::Inpho));
+        let read = cameras::Format::Inpho.read(&given).unwrap().conversion.camera;
+        for (across, down) in (0..=8).flat_map(|across| (0..=6).map(move |down| (across, down))) {
+            let pixel = photograph.camera.frame_px(f64::from(across) / 8.0, f64::from(down) / 6.0);
+            let ideal = photograph.camera.ideal_from_pixel(pixel).unwrap();
+            let off_px = (read.pixel_from_ideal(ideal) - pixel).norm();
+            assert!(off_px < 0.05, "{distortion:?} at {pixel}: {off_px}");
+        }
+    }
 }

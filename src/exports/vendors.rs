@@ -77,8 +77,10 @@ pub(super) fn inpho(photographs: &[Photograph], target: &Target) -> Result<Vec<F
     for (name, photograph) in cameras(photographs) {
         let camera = &photograph.camera;
         // refuses what the section has no place for
-        OpenCv::of(photograph, Format::Inpho)?;
-        let corrections = Corrections::fitted(photograph)?;
+        let OpenCv { focal_px: [fx, fy], .. } = OpenCv::of(photograph, Format::Inpho)?;
+        // pixels that are not square are the affine transformation's, which no polynomial of a lens could replace
+        let width_mm = photograph.pixel_size_mm * fy / fx;
+        let corrections = Corrections::fitted_to_pixels(photograph, [width_mm, photograph.pixel_size_mm])?;
         let (mm, c_mm) = (photograph.pixel_size_mm, photograph.principal_distance_mm());
         let principal = camera.principal_point_px();
         let [k0, k1, k2, k3] = corrections.radial;
@@ -92,7 +94,7 @@ pub(super) fn inpho(photographs: &[Photograph], target: &Target) -> Result<Vec<F
             word(name),
             camera.width_px,
             camera.height_px,
-            1.0 / mm,
+            1.0 / width_mm,
             principal.x - 0.5,
             -1.0 / mm,
             principal.y - 0.5,

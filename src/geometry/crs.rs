@@ -4,14 +4,18 @@
 //! geocentric coordinates between which systems meet are those of WGS 84; ETRS89 and its Polish realisation are
 //! taken as the same, which neglects the drift of the European plate (a few decimetres since 1989).
 //!
-//! Every height is above the ellipsoid of WGS 84 or GRS 80, those of DHDN too, whose own ellipsoid is used for the
-//! horizontal position only; with a geoid undulation it is above the geoid. The heights of a compound system are above the
+//! Every height is above the ellipsoid of WGS 84 or GRS 80, those of DHDN and of RD New too, whose own ellipsoid is used
+//! for the horizontal position only; with a geoid undulation it is above the geoid. The heights of a compound system are above the
 //! zero of its height system, which a grid tells ([`geoid`](super::geoid)).
+//!
+//! RD New (EPSG:28992, with NAP heights 7415) goes to ETRS89 by the Helmert transformation of RDNAPTRANS 2018 alone; its
+//! correction grid, up to 0.25 m in the plane, is neglected, and told as [`Crs::accuracy_m`].
 
 mod catalogue;
 mod datum;
 mod proj_string;
 mod projection;
+mod stereographic;
 #[cfg(test)]
 mod tests;
 mod vertical;
@@ -118,14 +122,6 @@ pub enum CrsError {
         /// The code after the plus.
         code: u32,
     },
-    /// A system that is known, but cannot be computed well enough.
-    #[error("{given} cannot be used: {reason}")]
-    Unsupported {
-        /// The system.
-        given: String,
-        /// Why, and what can be used instead.
-        reason: &'static str,
-    },
     /// A parameter of a PROJ string that is missing, wrong or not understood.
     #[error("the parameter +{parameter} of the PROJ string: {reason}")]
     Parameter {
@@ -194,8 +190,7 @@ impl Crs {
     /// [`Self::check_heights`].
     ///
     /// # Errors
-    /// [`CrsError::Unknown`], [`CrsError::UnknownHeights`], [`CrsError::Unsupported`], and [`CrsError::Parameter`], which
-    /// names the parameter.
+    /// [`CrsError::Unknown`], [`CrsError::UnknownHeights`], and [`CrsError::Parameter`], which names the parameter.
     pub fn parse(given: &str) -> Result<Self, CrsError> {
         let given = given.trim();
         match given.get(..5) {
@@ -301,7 +296,7 @@ impl Crs {
     fn ellipsoid(&self) -> Ellipsoid {
         match self.system {
             System::Geographic(ellipsoid) | System::Projected(_, Datum::Modern(ellipsoid)) => ellipsoid,
-            System::Projected(_, Datum::Dhdn) => Ellipsoid::GRS80,
+            System::Projected(_, Datum::Bessel(_)) => Ellipsoid::GRS80,
             System::Topocentric(_) => Ellipsoid::WGS84,
         }
     }
@@ -326,8 +321,8 @@ impl Crs {
         let undulation_m = self.checked_undulation_m(geoid_undulation_m)?;
         let position = self.ellipsoidal_position(geocentric_m, undulation_m)?;
         let Some(heights) = &self.heights else { return Ok(position) };
-        // down to where the height above the geoid would be an ellipsoidal one, as on the way there: the datum of DHDN,
-        // whose transformation depends on it, then sees the same
+        // down to where the height above the geoid would be an ellipsoidal one, as on the way there: a datum on Bessel's
+        // ellipsoid, whose transformation depends on it, then sees the same
         let place = self.ellipsoid().geodetic(geocentric_m);
         let height_m = place.height_m - self.grid_undulation_m(heights, place)?;
         self.ellipsoidal_position(self.ellipsoid().geocentric_m(Geodetic { height_m, ..place }), 0.0)

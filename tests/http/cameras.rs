@@ -87,6 +87,7 @@ fn calibration(query: &str, kind: &str, text: &'static str) -> Request<Body> {
 const OPENCV: &str = include_str!("../../src/cameras/tests/opencv.yaml");
 const COLMAP: &str = include_str!("../../src/cameras/tests/cameras.txt");
 const AUSTRALIS: &str = include_str!("../../src/cameras/tests/australis.txt");
+const INPHO: &str = include_str!("../../src/cameras/tests/inpho.prj");
 
 #[tokio::test]
 async fn a_calibration_of_another_program_becomes_a_camera_and_says_how_well() {
@@ -134,6 +135,7 @@ async fn a_calibration_that_cannot_be_read_names_what_is_at_fault() {
         ("format=zeiss&name=a", OPENCV, &["?format"][..]),
         ("format=opencv", OPENCV, &["?name"]),
         ("format=colmap", COLMAP, &["?camera"]),
+        ("format=inpho", INPHO, &["?camera"]),
         ("format=colmap&camera=12", COLMAP, &["?camera"]),
         ("format=colmap&camera=2&image_size_px=4000", COLMAP, &["?image_size_px"]),
         ("format=colmap&camera=2&image_size_px=4000,4000", COLMAP, &["?image_size_px"]),

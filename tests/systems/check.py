@@ -15,14 +15,18 @@ warnings.filterwarnings("ignore")
 LIMIT_MM = 0.001
 DHDN = "+step +proj=push +v_3 +step +proj=cart +ellps=bessel +step +proj=helmert +x=598.1 +y=73.7 +z=418.2 +rx=0.202 " \
     "+ry=0.045 +rz=-2.455 +s=6.7 +convention=position_vector +step +inv +proj=cart +ellps=GRS80 +step +proj=pop +v_3"
+# Amersfoort to ETRS89 (8), EPSG:9281, in PROJ's own words: with the network it would prefer the correction grid
+RD = "+step +proj=push +v_3 +step +proj=cart +ellps=bessel +step +proj=helmert +x=565.7381 +y=50.4018 +z=465.2904 " \
+    "+rx=0.395025981036064 +ry=-0.330772431242031 +rz=1.87607329462821 +s=4.07244 +convention=coordinate_frame " \
+    "+step +inv +proj=cart +ellps=GRS80 +step +proj=pop +v_3"
 
 HORIZONTAL = [4326, 4979, 4258, 4937, 6668, 6667, 3857, *range(32601, 32661), *range(32701, 32761), *range(25828, 25839),
-              *range(2176, 2181), *range(31466, 31470), *range(6669, 6688)]
+              *range(2176, 2181), *range(31466, 31470), 28992, *range(6669, 6688)]
 # compound: by code of PROJ, so that its own choice of the operation is checked too
 COMPOUND = ["EPSG:25832+7837", "EPSG:25833+7837", "EPSG:4258+7837", "EPSG:9924", "EPSG:4326+5773", "EPSG:9707", "EPSG:32633+5773",
             "EPSG:32755+5773", "EPSG:9518", "EPSG:32632+3855", "EPSG:3857+3855", "EPSG:32614+5703", "EPSG:4326+5703", "EPSG:7423", "EPSG:2180+9651",
             "EPSG:2178+9651", "EPSG:2180+9650", "EPSG:6697", "EPSG:6677+6695", *(f"EPSG:{code}" for code in range(10162, 10175)),
-            "EPSG:25831+5709", "EPSG:9286", "EPSG:25831+5710", "EPSG:25831+5720", "EPSG:25832+5728", "EPSG:25830+5701",
+            "EPSG:25831+5709", "EPSG:7415", "EPSG:28992+5709", "EPSG:9286", "EPSG:25831+5710", "EPSG:25831+5720", "EPSG:25832+5728", "EPSG:25830+5701",
             *(f"EPSG:{code}" for code in range(5971, 5977)), "EPSG:25833+5613", "EPSG:25833+8357"]
 # by pipeline: PROJ knows no grid for DHHN92, and prefers another grid to the transformation of DHDN
 BY_PIPELINE = {"EPSG:5554": (25831, "de_bkg_gcg2011.gtx"), "EPSG:5555": (25832, "de_bkg_gcg2011.gtx"),
@@ -38,7 +42,8 @@ def projection(code):
     back = f"+step +inv {crs.to_proj4().replace('+type=crs', '').replace('+nadgrids=@null', '').replace('+wktext', '')}"
     if code == 3857:
         back = "+step +inv +proj=webmerc +ellps=WGS84"
-    return f"{back} {DHDN if 31466 <= code <= 31469 else ''} +step +proj=unitconvert +xy_in=rad +xy_out=deg"
+    datum = RD if code == 28992 else DHDN if 31466 <= code <= 31469 else ""
+    return f"{back} {datum} +step +proj=unitconvert +xy_in=rad +xy_out=deg"
 
 
 def transformer(name):

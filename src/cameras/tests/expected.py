@@ -4,7 +4,7 @@
     python3 -m venv venv && venv/bin/pip install opencv-python-headless pycolmap numpy && venv/bin/python expected.py
 
 OpenCV and COLMAP are asked themselves. OpenSfM, Metashape, Pix4D and Australis are their published formulas, written down
-here once more and, where they go from the image to the ray, inverted numerically.
+here once more and, where they go from the image to the ray, inverted numerically. Inpho is what is taken for its formula.
 """
 import json
 import pathlib
@@ -187,7 +187,104 @@ Maximum Observational Radial Distance Encountered:      33.0 mm
     note("australis.txt", "", ideal, pixels)
 
 
-for make in (opencv, colmap, opensfm, metashape, pix4d, australis):
+def inpho():
+    """Two cameras: upright with both principal points off the middle, and turned by 90 degrees; a third is of film."""
+    (HERE / "inpho.prj").write_text("""$PROJECT 9.0.0
+  $PROJECT_NAME : example
+  $ANGULAR_UNITS : deg
+$END
+$PHOTO
+  $PHOTO_NUM : 1001
+  $CAMERA_ID : upright
+  $EXT_ORI : 12:00:00 01/01/2026
+      80.1    380000.0    5680000.0    1000.0
+      1 0 0
+      0 1 0
+      0 0 1
+$END
+$CAMERA_DEFINITION
+  $ID : upright
+  $KIND : CCDFrame
+  $BRAND : Custom
+  $CCD_INTERIOR_ORIENTATION :
+     192.3076923    -0.0012000    5770.2500000
+       0.0000000  -192.3150000    4395.7500000
+  $CCD_COLUMNS : 11540
+  $CCD_ROWS : 8790
+  $PIXEL_REFERENCE : CenterTopLeft
+  $FOCAL_LENGTH :    80.1234500
+  $PRINCIPAL_POINT_PPA :     0.021000     -0.034000
+  $PRINCIPAL_POINT_PPS :     0.012000     0.007000
+  $DISTORTION_TYPE :  Polynomial
+  $RADIAL_COEFFS :
+     1.0e-4  3.1e-6  -8.5e-10  6.0e-14
+     0.0  0.0  0.0  0.0
+  $DECENTRE_COEFFS :
+     -2.4e-6  1.7e-6  0.0  0.0
+$END
+$CAMERA_DEFINITION
+  $ID : turned
+  $KIND : CCDFrame
+  $CCD_COLUMNS : 8708
+  $CCD_ROWS : 11608
+  $PIXEL_REFERENCE : CenterTopLeft
+  $ACTIVE_CALIBRATION : 2
+  $CALIBRATION_SET :
+    $ID : 1
+    $FOCAL_LENGTH : 1.0
+    $END
+  $CALIBRATION_SET :
+    $ID : 2
+    $CCD_INTERIOR_ORIENTATION :
+      0.0     -217.39  4358.5
+      -217.39  0.0     5798.0
+    $FOCAL_LENGTH : 51.68
+    $PRINCIPAL_POINT_PPA : 0 0
+    $PRINCIPAL_POINT_PPS : 0 0
+    $DISTORTION_TYPE : Polynomial
+    $RADIAL_COEFFS : 0 1.4e-5 -4.0e-9
+    $DECENTRE_COEFFS : 3.4e-6 4.3e-6
+    $END
+  $END
+$END
+$CAMERA_DEFINITION
+  $ID : RMK
+  $KIND : FilmFrame
+  $FOCAL_LENGTH : 152.9
+  $FIDUCIALS :
+    1 -113 0
+    2 113 0
+$END
+""")
+    cameras = {
+        "upright": ([[192.3076923, -0.0012], [0, -192.315]], (5770.25, 4395.75), 80.12345, (0.021, -0.034), (0.012, 0.007),
+                    [1e-4, 3.1e-6, -8.5e-10, 6e-14], (-2.4e-6, 1.7e-6), np.eye(2), (11540, 8790)),
+        # its x runs up in the image, and its y to the left
+        "turned": ([[0, -217.39], [-217.39, 0]], (4358.5, 5798.0), 51.68, (0, 0), (0, 0),
+                   [0, 1.4e-5, -4e-9], (3.4e-6, 4.3e-6), np.array([[0, 1], [-1, 0]]), (8708, 11608)),
+    }
+    for name, (affine, origin, c, ppa, pps, k, (p1, p2), plate_from_image, size) in cameras.items():
+
+        def corrected(place):
+            x, y = place - pps
+            r2 = x * x + y * y
+            radial = sum(value * r2**power for power, value in enumerate(k))
+            return place + [x * radial + p1 * (r2 + 2 * x * x) + 2 * p2 * x * y, y * radial + p2 * (r2 + 2 * y * y) + 2 * p1 * x * y]
+
+        ideal = rays(*size, c * abs(np.linalg.det(affine)) ** 0.5)
+        pixels = []
+        for ray in ideal:
+            wanted = plate_from_image @ (c * ray * [1, -1]) + ppa
+            measured = wanted.copy()
+            for _ in range(200):
+                measured = measured + (wanted - corrected(measured))
+            assert np.abs(wanted - corrected(measured)).max() < 1e-12
+            # pixels count from the centre of the first one
+            pixels.append(np.array(affine) @ measured + origin + 0.5)
+        note("inpho.prj", name, ideal, pixels)
+
+
+for make in (opencv, colmap, opensfm, metashape, pix4d, australis, inpho):
     make()
 (HERE / "expected.csv").write_text("\n".join(["file,camera,ideal_x,ideal_y,x_px,y_px", *ROWS]) + "\n")
 print(cv2.__version__, pycolmap.__version__, len(ROWS))

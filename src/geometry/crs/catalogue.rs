@@ -2,13 +2,13 @@
 
 use super::projection::{Projection, TransverseMercator};
 use super::vertical::{self, Heights};
-use super::{Crs, CrsError, Datum, Ellipsoid, System};
+use super::{Crs, CrsError, Datum, Ellipsoid, System, datum};
 
 /// What [`find`] and the PROJ strings understand, for the error message.
 pub(super) const KNOWN: &str = "EPSG:4326, 4979, 4258, 4937, 6668, 6667 (longitude, latitude), 32601-32660 and 32701-32760 \
     (UTM on WGS 84), 25828-25838 (UTM on ETRS89), 2176-2180 (PL-2000, PL-1992), 31466-31469 (DHDN / Gauss-Krueger), \
-    6669-6687 (JGD2011 / Japan Plane Rectangular), 3857 (web Mercator), compounds of these and a height system as \
-    EPSG:25832+7837, the registered compounds 5554-5556, 5971-5976, 6697, 7423, 9286, 9518, 9707, 9924 and 10162-10174, and \
+    28992 (Amersfoort / RD New), 6669-6687 (JGD2011 / Japan Plane Rectangular), 3857 (web Mercator), compounds of these and a height system as \
+    EPSG:25832+7837, the registered compounds 5554-5556, 5971-5976, 6697, 7415, 7423, 9286, 9518, 9707, 9924 and 10162-10174, and \
     PROJ strings with +proj=topocentric, utm, tmerc or longlat on WGS84 or GRS80";
 
 /// The system of an EPSG code, or of two with a plus between them; `code` is what follows the colon in `given`.
@@ -22,7 +22,6 @@ pub(super) fn find(given: &str, code: &str) -> Result<Crs, CrsError> {
     let horizontal = number(horizontal).ok_or_else(unknown)?;
     let Some(vertical) = vertical else { return by_code(horizontal)?.ok_or_else(unknown) };
     let vertical = number(vertical).ok_or_else(unknown)?;
-    refuse_what_is_known(horizontal)?;
     let system = system(horizontal)?.ok_or_else(unknown)?;
     match vertical::find(vertical) {
         Some(found) => Ok(compound(format!("EPSG:{horizontal}+{vertical}"), system, found)),
@@ -35,7 +34,6 @@ fn number(text: &str) -> Option<u32> {
 }
 
 fn by_code(code: u32) -> Result<Option<Crs>, CrsError> {
-    refuse_what_is_known(code)?;
     let name = format!("EPSG:{code}");
     if let Some((horizontal, vertical)) = registered_compound(code) {
         let (Some(system), Some(found)) = (system(horizontal)?, vertical::find(vertical)) else { return Ok(None) };
@@ -57,6 +55,8 @@ fn registered_compound(code: u32) -> Option<(u32, u32)> {
         // JGD2011, geographic and in the plane
         6697 => Some((6668, 6695)),
         10162..=10174 => Some((code - 10162 + 6669, 6695)),
+        // RD New + NAP
+        7415 => Some((28992, 5709)),
         // ETRS89 + EVRF2007, + NAP, + DHHN2016
         7423 => Some((4258, 5621)),
         9286 => Some((4258, 5709)),
@@ -65,18 +65,6 @@ fn registered_compound(code: u32) -> Option<(u32, u32)> {
         9518 => Some((4326, 3855)),
         9707 => Some((4326, 5773)),
         _ => None,
-    }
-}
-
-/// Systems that are met often and would need more than a formula.
-fn refuse_what_is_known(code: u32) -> Result<(), CrsError> {
-    match code {
-        28992 | 7415 => Err(CrsError::Unsupported {
-            given: format!("EPSG:{code}"),
-            reason: "RD New differs from ETRS89 by the correction grid of RDNAPTRANS, up to 0.25 m, which is not read; \
-                     transform to EPSG:25831+5709 (UTM on ETRS89, NAP heights)",
-        }),
-        _ => Ok(()),
     }
 }
 
@@ -96,6 +84,7 @@ fn system(number: u32) -> Result<Option<System>, CrsError> {
         3857 => {
             return Ok(Some(System::Projected(Projection::web_mercator()?, Datum::Modern(Ellipsoid::WGS84))));
         }
+        28992 => return Ok(Some(System::Projected(Projection::rd_new(), Datum::Bessel(&datum::AMERSFOORT)))),
         32601..=32660 => modern(TransverseMercator::utm(Ellipsoid::WGS84, number - 32600, false)),
         32701..=32760 => modern(TransverseMercator::utm(Ellipsoid::WGS84, number - 32700, true)),
         25828..=25838 => modern(TransverseMercator::utm(Ellipsoid::GRS80, number - 25800, false)),
@@ -109,7 +98,7 @@ fn system(number: u32) -> Result<Option<System>, CrsError> {
             false_northing_m: -5_300_000.0,
         }),
         6669..=6687 => modern(japanese_zone((number - 6669) as usize)),
-        31466..=31469 => (Datum::Dhdn, three_degree_strip(Ellipsoid::BESSEL, number - 31464, 1.0)),
+        31466..=31469 => (Datum::Bessel(&datum::DHDN), three_degree_strip(Ellipsoid::BESSEL, number - 31464, 1.0)),
         _ => return Ok(None),
     };
     Ok(Some(System::Projected(Projection::transverse_mercator(grid)?, datum)))

@@ -1,4 +1,4 @@
-//! Map projections, carried out by the geodesy library.
+//! Map projections, carried out by the geodesy library, but for the one that it does not have ([`stereographic`]).
 //!
 //! Its operations are looked up by a handle in a context that is not to be shared while it grows; here every
 //! projection holds its own operation, which never changes, so that threads can share it.
@@ -9,14 +9,21 @@ use std::sync::Arc;
 
 use geodesy::authoring::{Coor2D, Direction, Minimal, Op};
 
+use super::stereographic::{self, ObliqueStereographic};
 use super::{CrsError, Ellipsoid};
 
 /// Between longitude and latitude on an ellipsoid and easting and northing of a map grid.
 #[derive(Debug, Clone)]
 pub(super) struct Projection {
-    operation: Arc<Op>,
+    formula: Formula,
     easting_range_m: [f64; 2],
     northing_range_m: [f64; 2],
+}
+
+#[derive(Debug, Clone)]
+enum Formula {
+    OfLibrary(Arc<Op>),
+    Stereographic(ObliqueStereographic),
 }
 
 /// The defining parameters of a transverse Mercator projection.
@@ -43,6 +50,11 @@ const WIDEST_M: f64 = 750_000.0;
 /// Half of the side of the square to which web maps cut the world.
 const WEB_MERCATOR_EDGE_M: f64 = 20_037_508.342_789_244;
 
+/// The Netherlands and their part of the North Sea, with 100 km to spare; to the south so much that no easting of the
+/// country (at most 278 km) is a northing: exchanged axes are noticed.
+const RD_EASTINGS_M: [f64; 2] = [-150_000.0, 400_000.0];
+const RD_NORTHINGS_M: [f64; 2] = [280_000.0, 900_000.0];
+
 impl TransverseMercator {
     /// The zone (1 to 60) of Universal Transverse Mercator in the northern or southern hemisphere.
     pub(super) fn utm(ellipsoid: Ellipsoid, zone: u32, southern: bool) -> Self {
@@ -66,8 +78,11 @@ impl Projection {
             "tmerc ellps={} lon_0={central_meridian_deg} lat_0={latitude_of_origin_deg} k_0={scale} x_0={x_0} y_0={y_0}",
             ellipsoid.name
         ))?;
-        let mut grid =
-            Self { operation, easting_range_m: [x_0 - WIDEST_M, x_0 + WIDEST_M], northing_range_m: [0.0; 2] };
+        let mut grid = Self {
+            formula: Formula::OfLibrary(operation),
+            easting_range_m: [x_0 - WIDEST_M, x_0 + WIDEST_M],
+            northing_range_m: [0.0; 2],
+        };
         grid.northing_range_m =
             [-FRAC_PI_2, FRAC_PI_2].map(|pole| grid.easting_northing_m(central_meridian_deg.to_radians(), pole).1);
         Ok(grid)
@@ -76,17 +91,42 @@ impl Projection {
     /// The spherical Mercator projection of web maps, on the latitudes of WGS 84.
     pub(super) fn web_mercator() -> Result<Self, CrsError> {
         let range_m = [-WEB_MERCATOR_EDGE_M, WEB_MERCATOR_EDGE_M];
-        Ok(Self { operation: operation("webmerc ellps=WGS84")?, easting_range_m: range_m, northing_range_m: range_m })
+        let formula = Formula::OfLibrary(operation("webmerc ellps=WGS84")?);
+        Ok(Self { formula, easting_range_m: range_m, northing_range_m: range_m })
+    }
+
+    /// Rijksdriehoekscoördinaten, RD New.
+    pub(super) fn rd_new() -> Self {
+        let parameters = stereographic::Parameters {
+            ellipsoid: Ellipsoid::BESSEL,
+            // 5° 23′ 15.5″ and 52° 09′ 22.178″
+            longitude_of_origin_deg: 5.0 + (23.0 + 15.5 / 60.0) / 60.0,
+            latitude_of_origin_deg: 52.0 + (9.0 + 22.178 / 60.0) / 60.0,
+            scale: 0.999_907_9,
+            false_easting_m: 155_000.0,
+            false_northing_m: 463_000.0,
+        };
+        Self {
+            formula: Formula::Stereographic(ObliqueStereographic::new(&parameters)),
+            easting_range_m: RD_EASTINGS_M,
+            northing_range_m: RD_NORTHINGS_M,
+        }
     }
 
     /// Easting and northing, not finite or out of range where the grid does not reach.
     pub(super) fn easting_northing_m(&self, longitude_rad: f64, latitude_rad: f64) -> (f64, f64) {
-        self.apply(Direction::Fwd, [longitude_rad, latitude_rad])
+        match &self.formula {
+            Formula::OfLibrary(operation) => apply(operation, Direction::Fwd, [longitude_rad, latitude_rad]),
+            Formula::Stereographic(grid) => grid.easting_northing_m(longitude_rad, latitude_rad),
+        }
     }
 
     /// Longitude and latitude of a grid position within range.
     pub(super) fn longitude_latitude_rad(&self, easting_m: f64, northing_m: f64) -> (f64, f64) {
-        self.apply(Direction::Inv, [easting_m, northing_m])
+        match &self.formula {
+            Formula::OfLibrary(operation) => apply(operation, Direction::Inv, [easting_m, northing_m]),
+            Formula::Stereographic(grid) => grid.longitude_latitude_rad(easting_m, northing_m),
+        }
     }
 
     /// The eastings of the grid.
@@ -98,13 +138,13 @@ impl Projection {
     pub(super) fn northing_range_m(&self) -> RangeInclusive<f64> {
         self.northing_range_m[0]..=self.northing_range_m[1]
     }
+}
 
-    fn apply(&self, direction: Direction, coordinates: [f64; 2]) -> (f64, f64) {
-        let mut operands = [Coor2D(coordinates)];
-        // The count of successes is of no use: a failure leaves NaN behind, which the callers' ranges refuse.
-        self.operation.apply(&Minimal::default(), &mut operands, direction);
-        (operands[0].0[0], operands[0].0[1])
-    }
+fn apply(operation: &Op, direction: Direction, coordinates: [f64; 2]) -> (f64, f64) {
+    let mut operands = [Coor2D(coordinates)];
+    // The count of successes is of no use: a failure leaves NaN behind, which the callers' ranges refuse.
+    operation.apply(&Minimal::default(), &mut operands, direction);
+    (operands[0].0[0], operands[0].0[1])
 }
 
 /// An operation of the library. Every definition is made here from checked numbers, so that it fails only by a defect.

@@ -53,12 +53,24 @@ const PROJ_DHDN: &[Reference] = &[
     ("EPSG:31469", [5397163.811, 5407779.092, 150.25], [4091378.8123712875, 989681.2420518749, 4775978.914145745], -1.0542662321268246),
 ];
 
+/// pyproj: the one pipeline that TransformerGroup("EPSG:28992", "EPSG:4937") has without the network, "Amersfoort to ETRS89
+/// (8)", the rest as for DHDN.
+#[rustfmt::skip]
+const PROJ_RD: &[Reference] = &[
+    ("EPSG:28992", [155000.0, 463000.0, 150.25], [3904111.4699827824, 368167.4691887796, 5013533.470488082], 0.00012944390735665116),
+    ("EPSG:28992", [121786.432, 487035.118, 150.25], [3888251.5723710805, 333307.54610612174, 5028177.233926758], -0.3855536497841928),
+    ("EPSG:28992", [277412.905, 582114.22, 150.25], [3797584.0235968945, 481069.8722697215, 5084803.683925276], 1.457597688196389),
+    ("EPSG:28992", [13914.236, 377120.655, 150.25], [3983565.508903144, 233956.0013613835, 4959160.845309889], -1.591323697296872),
+    ("EPSG:28992", [199327.11, 308415.87, 150.25], [4020237.7513201353, 423639.8343205154, 4917095.0218970645], 0.4915669015810151),
+    ("EPSG:28992", [-51250.5, 731020.25, 150.25], [3707403.277296618, 142574.09686511208, 5170801.762482477], -2.5555346743809677),
+];
+
 fn crs(text: &str) -> Crs {
     text.parse().unwrap()
 }
 
 fn every_reference() -> impl Iterator<Item = &'static Reference> {
-    PROJ_GRIDS.iter().chain(PROJ_DHDN)
+    PROJ_GRIDS.iter().chain(PROJ_DHDN).chain(PROJ_RD)
 }
 
 #[test]
@@ -125,12 +137,14 @@ fn topocentric_frames_are_read_in_any_order_and_give_their_own_axes() {
 }
 
 #[test]
-fn only_dhdn_is_inaccurate() {
+fn only_the_old_datums_are_inaccurate() {
     for (name, ..) in PROJ_GRIDS {
         assert_eq!(crs(name).accuracy_m(), 0.0);
         assert!(crs(name).assumes_ellipsoidal_heights());
     }
     assert!(PROJ_DHDN.iter().all(|(name, ..)| crs(name).accuracy_m() == 3.0));
+    assert_eq!(crs("EPSG:28992").accuracy_m(), 0.25);
+    assert!(crs("EPSG:28992").assumes_ellipsoidal_heights());
 }
 
 #[test]
@@ -165,7 +179,7 @@ fn it_prints_as_it_was_given(#[case] given: &str, #[case] printed: &str) {
 fn every_code_of_the_list_is_known_and_its_neighbours_are_not() {
     let utm = (32601..=32660).chain(32701..=32760).chain(25828..=25838);
     let strips = (2176..=2180).chain(31466..=31469).chain(6668..=6687);
-    for code in utm.chain(strips).chain([3857, 4258, 4326, 4979, 4937]) {
+    for code in utm.chain(strips).chain([3857, 4258, 4326, 4979, 4937, 28992]) {
         assert_eq!(crs(&format!("EPSG:{code}")).to_string(), format!("EPSG:{code}"));
     }
     for code in [32600, 32661, 32700, 32761, 25827, 25839, 6688, 2175, 2181, 31465, 31470, 0] {
@@ -228,6 +242,8 @@ fn a_refused_proj_string_names_the_parameter(#[case] given: &str, #[case] culpri
 #[case("EPSG:32632", [5e5, 1.1e7, 100.0], 1)]
 #[case("EPSG:32733", [5e5, -1e5, 100.0], 1)]
 #[case("EPSG:3857", [0.0, 2.1e7, 100.0], 1)]
+#[case("EPSG:28992", [582_114.2, 277_412.9, 100.0], 0)]
+#[case("EPSG:28992", [308_415.9, 199_327.1, 100.0], 1)]
 #[case("+proj=topocentric +lon_0=7 +lat_0=51", [0.0, 0.0, -2e6], 2)]
 fn implausible_coordinates_are_refused(#[case] name: &str, #[case] position: [f64; 3], #[case] culprit: usize) {
     let refused = crs(name).geocentric_from_position(position, None).unwrap_err();
@@ -282,6 +298,14 @@ proptest! {
     }
 
     #[test]
+    fn rd_new_and_back_is_the_same_place(x in -150_000.0..400_000.0, y in 280_000.0..900_000.0, height_m in -1e3..1e4) {
+        let (crs, position) = (crs("EPSG:28992"), Vector3::new(x, y, height_m));
+        let geocentric_m = crs.geocentric_from_position(position.into(), None).unwrap();
+        let back = Vector3::from(crs.position_from_geocentric(geocentric_m, None).unwrap());
+        prop_assert!((back - position).norm() < 2e-8, "{position} {back}");
+    }
+
+    #[test]
     fn no_text_makes_it_panic(text in ".{0,60}", tail in "(proj|zone|ellps|lon_0|\\+|=|EPSG:|[0-9]|utm|tmerc| ){0,20}") {
         let _ = Crs::parse(&text);
         let _ = Crs::parse(&tail);
@@ -291,7 +315,7 @@ proptest! {
 
     #[test]
     fn any_number_gives_a_finite_answer_or_an_error(
-        which in 0..PROJ_GRIDS.len() + PROJ_DHDN.len(), position in prop::array::uniform3(prop::num::f64::ANY),
+        which in 0..PROJ_GRIDS.len() + PROJ_DHDN.len() + 1, position in prop::array::uniform3(prop::num::f64::ANY),
         near in prop::array::uniform3(-4e7..4e7),
     ) {
         let crs = crs(every_reference().nth(which).unwrap().0);
