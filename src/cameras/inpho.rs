@@ -6,12 +6,12 @@
 //! in those millimetres. `$RADIAL_COEFFS` lists K0, K1, K2, …, `$DECENTRE_COEFFS` P1, P2 and, as in the reports of the
 //! U.S. Geological Survey, P3 and P4.
 //!
-//! What the sign of the coefficients means no description says that was at hand. They are taken photogrammetrically, as
-//! corrections that are added to what was measured, with x, y from PPS: x + x (K0 + K1 r² + K2 r⁴ + …) + P1 (r² + 2 x²) +
-//! 2 P2 x y; `exports` writes the same. A warning says so, and by how many pixels which way, which is how to see whether it
-//! is true of a lens. Doubt is due: in a public project of a Phase One iXU-RS1000 (c = 51.68 mm) K1 is -1.46e-5
-//! and K2 4.1e-9, which by this makes a pincushion of 79 px in the corners; the calibration of much the same lens for OSSIM
-//! (c = 51.59 mm, K1 -1.40e-5, K2 3.8e-9) is subtracted there, and makes the barrel that is usual.
+//! What the sign of the coefficients means no description says that was at hand. They are taken as distortion, which is
+//! subtracted from what was measured, with x, y from PPS: x - x (K0 + K1 r² + K2 r⁴ + …) - P1 (r² + 2 x²) - 2 P2 x y;
+//! `exports` writes the same. For that speaks a public project of a Phase One iXU-RS1000 (c = 51.68 mm, K1 -1.46e-5, K2
+//! 4.1e-9): added, they would make a pincushion of 79 px in the corners, and the calibration of much the same lens for OSSIM
+//! (c = 51.59 mm, K1 -1.40e-5, K2 3.8e-9), which subtracts it, makes the barrel that is usual. A warning says so, and by how
+//! many pixels which way, which is how to see whether it is true of a lens.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -49,13 +49,13 @@ pub(super) fn read(given: &Given<'_>) -> Result<Converted, CameraFileError> {
             plate.turn_deg()
         ));
     }
-    let corrections = section.corrections()?;
-    let lens = match &corrections {
+    let distortion = section.distortion()?;
+    let lens = match &distortion {
         None => Lens::Brown(Brown::default()),
-        Some(corrections) => {
-            warnings.push(plate.warning(corrections, size_px));
-            let corrections = corrections.clone();
-            Lens::Corrected(Box::new(move |pixel| plate.ideal(&corrections, pixel)))
+        Some(distortion) => {
+            warnings.push(plate.warning(distortion, size_px));
+            let distortion = distortion.clone();
+            Lens::Corrected(Box::new(move |pixel| plate.ideal(&distortion, pixel)))
         }
     };
     let conversion = convert(size_px, &plate.axis(), &lens)?;
@@ -267,7 +267,7 @@ impl<'a> Section<'a> {
     }
 
     /// `None` if there is no distortion.
-    fn corrections(&self) -> Result<Option<Corrections>, CameraFileError> {
+    fn distortion(&self) -> Result<Option<Distortion>, CameraFileError> {
         let radial = self.numbers("RADIAL_COEFFS")?;
         let decentring = self.numbers("DECENTRE_COEFFS")?;
         match self.value(&["DISTORTION_TYPE"])?.map(plain).as_deref() {
@@ -285,7 +285,7 @@ impl<'a> Section<'a> {
         }
         let k = radial.unwrap_or_default();
         let any = k.iter().chain(&p).any(|value| *value != 0.0);
-        Ok(any.then_some(Corrections { k, p }))
+        Ok(any.then_some(Distortion { k, p }))
     }
 }
 
@@ -301,14 +301,14 @@ fn plain(text: &str) -> String {
 
 /// The polynomial of a lens, in millimetres.
 #[derive(Clone)]
-struct Corrections {
+struct Distortion {
     /// K0, K1, ….
     k: Vec<f64>,
     p: [f64; 4],
 }
 
-impl Corrections {
-    /// What is added to a place that was measured, from the point of symmetry.
+impl Distortion {
+    /// What is subtracted from a place that was measured, from the point of symmetry.
     fn at(&self, measured: Vector2<f64>) -> Vector2<f64> {
         let (x, y, r2) = (measured.x, measured.y, measured.norm_squared());
         let [p1, p2, p3, p4] = self.p;
@@ -356,9 +356,9 @@ impl Plate {
         self.upright.m21.atan2(self.upright.m11).to_degrees()
     }
 
-    fn ideal(&self, corrections: &Corrections, pixel: Vector2<f64>) -> Vector2<f64> {
+    fn ideal(&self, distortion: &Distortion, pixel: Vector2<f64>) -> Vector2<f64> {
         let measured_mm = self.mm_from_px * (pixel - self.origin_px);
-        let corrected_mm = measured_mm + corrections.at(measured_mm - self.pps_mm);
+        let corrected_mm = measured_mm - distortion.at(measured_mm - self.pps_mm);
         let upright = self.upright.transpose() * (corrected_mm - self.ppa_mm);
         Vector2::new(upright.x, -upright.y) / self.principal_distance_mm
     }
@@ -375,17 +375,17 @@ impl Plate {
     }
 
     /// What the sign was taken for, and how to see whether that is right.
-    fn warning(&self, corrections: &Corrections, [width, height]: [u32; 2]) -> String {
+    fn warning(&self, distortion: &Distortion, [width, height]: [u32; 2]) -> String {
         let [width, height] = [width, height].map(f64::from);
         let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]].map(Vector2::from);
         let from_symmetry = corners.map(|pixel| self.mm_from_px * (pixel - self.origin_px) - self.pps_mm);
         let farthest = from_symmetry.into_iter().fold(Vector2::zeros(), |a, b| if b.norm() > a.norm() { b } else { a });
-        let outwards_mm = corrections.at(farthest).dot(&farthest) / farthest.norm();
+        let outwards_mm = -distortion.at(farthest).dot(&farthest) / farthest.norm();
         let outwards_px = outwards_mm * self.px_from_mm.determinant().abs().sqrt();
         let (seen, lens) = if outwards_px > 0.0 { ("nearer to", "barrel") } else { ("farther from", "pincushion") };
         format!(
-            "$RADIAL_COEFFS and $DECENTRE_COEFFS are taken as corrections, added to measured coordinates; Inpho does not say \
-             whether they are to be subtracted. As they are taken, the farthest corner is seen {:.1} px {seen} the middle \
+            "$RADIAL_COEFFS and $DECENTRE_COEFFS are taken as distortion, which is subtracted from measured coordinates; Inpho does not say \
+             whether they are to be added. As they are taken, the farthest corner is seen {:.1} px {seen} the middle \
              than without distortion ({lens}): look whether straight edges at the rim of a photograph bend so, or \
              hold it against the calibration report; if it is the other way, change the sign of all of them in the file",
             outwards_px.abs()

@@ -234,7 +234,7 @@ fn the_sign_of_inpho_is_told_with_what_it_means() {
     assert!(turned.contains("90.00°"), "{turned}");
     // 1.4e-5 r² - 4e-9 r⁴ at r = 33.3 mm is 0.35 mm, and decentring 0.01 mm
     assert!(sign.contains("nearer to the middle") && sign.contains("barrel") && sign.contains("sign"), "{sign}");
-    let other = given.text.replace("0 1.4e-5 -4.0e-9", "0 -1.4e-5 4.0e-9").replace("3.4e-6 4.3e-6", "-3.4e-6 -4.3e-6");
+    let other = given.text.replace("0 -1.4e-5 4.0e-9", "0 1.4e-5 -4.0e-9").replace("-3.4e-6 -4.3e-6", "3.4e-6 4.3e-6");
     let sign = format.read(&Given { text: &other, ..given }).unwrap().warnings.pop().unwrap();
     assert!(sign.contains("farther from the middle") && sign.contains("pincushion"), "{sign}");
 }

@@ -29,8 +29,8 @@ pub(super) fn write(photographs: &[Photograph], target: &Target) -> Result<File,
             "pixel_from_centre_px": "the same with the centre of the top-left pixel at (0, 0)",
             "curvature": "local: rigorous; grid: fitted to the ground, the grid taken for a Cartesian frame",
             "photogrammetric_corrections": "x + x (K0 + K1 r2 + K2 r4 + K3 r6) + P1 (r2 + 2 x2) + 2 P2 x y in mm about the \
-                principal point, y up, added to measured coordinates; whether Inpho and ArcGIS read the sign so was not \
-                tried with their software: compare the check points",
+                principal point, y up, added to measured coordinates; the cameras table of ArcGIS has them so, the project of Inpho with the \
+                other sign, as distortion; neither was tried with their software: compare the check points",
         },
         "grid_crs": target.crs.to_string(),
         "grid_geoid_undulation_m": target.geoid_undulation_m,

@@ -83,8 +83,9 @@ pub(super) fn inpho(photographs: &[Photograph], target: &Target) -> Result<Vec<F
         let corrections = Corrections::fitted_to_pixels(photograph, [width_mm, photograph.pixel_size_mm])?;
         let (mm, c_mm) = (photograph.pixel_size_mm, photograph.principal_distance_mm());
         let principal = camera.principal_point_px();
-        let [k0, k1, k2, k3] = corrections.radial;
-        let [p1, p2] = corrections.tangential;
+        // distortion, which is subtracted: what speaks for that is told with the reader, cameras::inpho
+        let [k0, k1, k2, k3] = corrections.radial.map(|k| 0.0 - k);
+        let [p1, p2] = corrections.tangential.map(|p| 0.0 - p);
         let _ = write!(
             text,
             "$CAMERA_DEFINITION\n$TYPE : CCD_FRAME\n$ID : {}\n$BRAND : Custom\n$KAPPA : 0\n$PRINCIPAL_DISTANCE : {c_mm}\n\

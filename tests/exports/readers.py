@@ -261,7 +261,7 @@ def inpho(export):
     for body in section("CAMERA_DEFINITION"):
         affine = np.array(re.search(r"\$CCD_INTERIOR_ORIENTATION :\s*\n(.*)\n(.*)\n", body).group(0).split()[2:], float).reshape(2, 3)
         cameras[field(body, "ID")[0]] = (float(field(body, "PRINCIPAL_DISTANCE")[0]), affine,
-                                         [float(v) for v in field(body, "RADIAL_COEFFS")], [float(v) for v in field(body, "DECENTRE_COEFFS")])
+                                         [-float(v) for v in field(body, "RADIAL_COEFFS")], [-float(v) for v in field(body, "DECENTRE_COEFFS")])
     for body in section("PHOTO"):
         numbers = np.array(body.split("$EXT_ORI : 0\n")[1].split(), float)
         photos[field(body, "PHOTO_FILE")[0]] = (field(body, "CAMERA_ID")[0], numbers[1:4], numbers[4:13].reshape(3, 3))

@@ -217,10 +217,10 @@ $CAMERA_DEFINITION
   $PRINCIPAL_POINT_PPS :     0.012000     0.007000
   $DISTORTION_TYPE :  Polynomial
   $RADIAL_COEFFS :
-     1.0e-4  3.1e-6  -8.5e-10  6.0e-14
+     -1.0e-4  -3.1e-6  8.5e-10  -6.0e-14
      0.0  0.0  0.0  0.0
   $DECENTRE_COEFFS :
-     -2.4e-6  1.7e-6  0.0  0.0
+     2.4e-6  -1.7e-6  0.0  0.0
 $END
 $CAMERA_DEFINITION
   $ID : turned
@@ -242,8 +242,8 @@ $CAMERA_DEFINITION
     $PRINCIPAL_POINT_PPA : 0 0
     $PRINCIPAL_POINT_PPS : 0 0
     $DISTORTION_TYPE : Polynomial
-    $RADIAL_COEFFS : 0 1.4e-5 -4.0e-9
-    $DECENTRE_COEFFS : 3.4e-6 4.3e-6
+    $RADIAL_COEFFS : 0 -1.4e-5 4.0e-9
+    $DECENTRE_COEFFS : -3.4e-6 -4.3e-6
     $END
   $END
 $END
@@ -258,10 +258,10 @@ $END
 """)
     cameras = {
         "upright": ([[192.3076923, -0.0012], [0, -192.315]], (5770.25, 4395.75), 80.12345, (0.021, -0.034), (0.012, 0.007),
-                    [1e-4, 3.1e-6, -8.5e-10, 6e-14], (-2.4e-6, 1.7e-6), np.eye(2), (11540, 8790)),
+                    [-1e-4, -3.1e-6, 8.5e-10, -6e-14], (2.4e-6, -1.7e-6), np.eye(2), (11540, 8790)),
         # its x runs up in the image, and its y to the left
         "turned": ([[0, -217.39], [-217.39, 0]], (4358.5, 5798.0), 51.68, (0, 0), (0, 0),
-                   [0, 1.4e-5, -4e-9], (3.4e-6, 4.3e-6), np.array([[0, 1], [-1, 0]]), (8708, 11608)),
+                   [0, -1.4e-5, 4e-9], (-3.4e-6, -4.3e-6), np.array([[0, 1], [-1, 0]]), (8708, 11608)),
     }
     for name, (affine, origin, c, ppa, pps, k, (p1, p2), plate_from_image, size) in cameras.items():
 
@@ -269,7 +269,7 @@ $END
             x, y = place - pps
             r2 = x * x + y * y
             radial = sum(value * r2**power for power, value in enumerate(k))
-            return place + [x * radial + p1 * (r2 + 2 * x * x) + 2 * p2 * x * y, y * radial + p2 * (r2 + 2 * y * y) + 2 * p1 * x * y]
+            return place - [x * radial + p1 * (r2 + 2 * x * x) + 2 * p2 * x * y, y * radial + p2 * (r2 + 2 * y * y) + 2 * p1 * x * y]
 
         ideal = rays(*size, c * abs(np.linalg.det(affine)) ** 0.5)
         pixels = []

@@ -16,7 +16,7 @@ use crate::jobs::film_camera::FilmCameraRequest;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct CalibrationQuery {
-    /// The program that wrote the body: `opencv`, `colmap`, `opensfm`, `metashape`, `pix4d`, `australis`, or `usgs` for the
+    /// The program that wrote the body: `opencv`, `colmap`, `opensfm`, `metashape`, `pix4d`, `australis`, `inpho`, or `usgs` for the
     /// text of a calibration report of a film camera; left out, the body is the JSON of this contract.
     #[param(example = "opencv", min_length = 1)]
     pub(super) format: Option<String>,
