@@ -204,7 +204,7 @@ fn of_geojson(features: &[Value]) -> Vec<StoredControlPoint> {
     points
 }
 
-fn feature(properties: Value, lines: &[[Point; 2]]) -> Value {
+fn feature(properties: &Value, lines: &[[Point; 2]]) -> Value {
     json!({"type": "Feature", "properties": properties,
         "geometry": {"type": "MultiLineString", "coordinates": lines}})
 }
@@ -238,10 +238,10 @@ async fn lines_are_the_control_points_that_geojson_makes_of_them() {
     let properties = json!({"name": "x", "sigma_m": 0.1, "edge_kinds": ["eave", "ridge"], "use": "check",
         "valid_from": "2020-01-01", "valid_to": "2024-12-31"});
     let expected = of_geojson(&[
-        feature(json!({"name": "5", "sigma_m": 0.1}), &[[c, d]]),
-        feature(json!({"name": "w", "sigma_m": 0.3}), &[[g, h], [g, i], [i, j], [j, h]]),
-        feature(properties, &[[a, b], [e, f]]),
-        feature(json!({"name": "v", "sigma_m": 0.35}), &[[a, b], [e, f], [f, c]]),
+        feature(&json!({"name": "5", "sigma_m": 0.1}), &[[c, d]]),
+        feature(&json!({"name": "w", "sigma_m": 0.3}), &[[g, h], [g, i], [i, j], [j, h]]),
+        feature(&properties, &[[a, b], [e, f]]),
+        feature(&json!({"name": "v", "sigma_m": 0.35}), &[[a, b], [e, f], [f, c]]),
     ]);
     assert_eq!(points, expected);
     assert_eq!(points[2].purpose, Use::Check);
@@ -266,7 +266,7 @@ async fn surfaces_have_the_edges_of_a_building_model() {
         let edges = crate::buildings::roof_edges(&roof.map(|ring| vec![ring.to_vec()]), false).unwrap();
         let kinds: Vec<&str> = edges.iter().map(|edge| crate::control::geojson::kind_name(edge.kind)).collect();
         let lines: Vec<[Point; 2]> = edges.iter().map(|edge| [edge.start, edge.end]).collect();
-        feature(json!({"name": name, "sigma_m": sigma_m, "edge_kinds": kinds}), &lines)
+        feature(&json!({"name": name, "sigma_m": sigma_m, "edge_kinds": kinds}), &lines)
     };
     // what parts are called is not what the building is called; a model that does not say how good it is is good to 0.15 m
     let expected = [of(&roofs[0], "0", 0.2), of(&roofs[1], "1", 0.2), of(&roofs[2], "DENW7", 0.15)];
