@@ -42,7 +42,7 @@ pub(crate) struct Ortho {
 #[derive(Debug, Subcommand)]
 enum Action {
     Make(Box<Make>),
-    Check(Check),
+    Check(Box<Check>),
 }
 
 /// Make an ortho-photo with orthority
