@@ -61,7 +61,7 @@ Each entry of a list of scenes is what `POST /control-scenes` takes, with the fi
     \"sigma_azimuth_deg\": 5, \"reference_px\": [212.5, 198.0], \"sigma_m\": 0.05,
     \"reference\": {\"crs\": \"EPSG:25832\", \"coordinates\": [565012.1, 5934410.4, 71.3]}}]";
 
-/// Import control points from GeoJSON, a building model or a GeoPackage, or control scenes, into the data folder
+/// Import control points, or control scenes, into the data folder
 #[derive(Debug, Args)]
 #[command(
     after_help = EXAMPLES,

@@ -28,6 +28,9 @@ pub enum FileFormat {
     GeoPackage,
 }
 
+/// One of these stands at the beginning of every CityJSON, in whatever order its members are.
+const CITY_WORDS: [&str; 3] = ["\"CityJSON\"", "\"CityJSONFeature\"", "\"CityObjects\""];
+
 impl FileFormat {
     /// The format by the first bytes of a file and, where these leave it open, by its name.
     #[must_use]
@@ -35,8 +38,13 @@ impl FileFormat {
         if first.starts_with(geopackage::MAGIC) {
             return Some(Self::GeoPackage);
         }
-        if let Some(format) = buildings::Format::recognise(first, name) {
-            return Some(Self::Model(format));
+        let says = |word: &str| first.windows(word.len()).any(|bytes| bytes == word.as_bytes());
+        let named = name.is_some_and(|name| name.to_ascii_lowercase().contains(".city.json"));
+        match buildings::Format::recognise(first, name) {
+            // every JSON is one of these to whom knows no other; a collection of features may say what it is at its end
+            Some(format) if format == buildings::Format::CityGml || named => return Some(Self::Model(format)),
+            Some(format) if CITY_WORDS.iter().any(|word| says(word)) => return Some(Self::Model(format)),
+            _ => {}
         }
         // a byte order mark is no white space
         let begins = first.iter().find(|byte| !byte.is_ascii_whitespace());

@@ -1,7 +1,7 @@
 //! How large a database of control points becomes, how fast it is filled, and how fast a footprint is found in it.
 //!
-//!     cargo run --release --example control_figures -- 1000000 FILE.db
-//!     tests/with-postgres sh -c 'cargo run --release --example control_figures -- 1000000 "$TEST_POSTGRES"'
+//!     cargo bench --bench control_figures -- 1000000 FILE.db
+//!     tests/with-postgres sh -c 'cargo bench --bench control_figures -- 1000000 "$TEST_POSTGRES"'
 //!
 //! Buildings are generated as a building model would give them: 20 roof edges each, a tile of 1 km after the other, 294 of
 //! them on a square kilometre in the mean and five times as many in towns, with the ids of a land register. With `--again`
@@ -40,7 +40,8 @@ const FOOTPRINTS: usize = 1_000;
 
 #[tokio::main]
 async fn main() -> Result<(), Failure> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    // cargo bench adds a flag of its own
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
     let (Some(count), Some(place)) = (arguments.first(), arguments.get(1)) else {
         return Err("usage: control_figures BUILDINGS FILE.db|postgres://… [--again]".into());
     };

@@ -140,7 +140,8 @@ fn scenes_are_imported_and_those_at_fault_are_named() {
     let (_, told, _) = run(folder.path(), &[&import[..], &["--mode", "insert"]].concat());
     assert!(told.ends_with("1 imported, 0 updated, 1 rejected\n"), "{told}");
     let (_, told, _) = run(folder.path(), &[&import[..], &["--mode", "replace", "--json"]].concat());
-    assert_eq!(serde_json::from_str::<Value>(&told).unwrap(), json!({"imported": 0, "updated": 2, "rejected": []}));
+    let report = json!({"imported": 0, "updated": 2, "rejected": [], "rejected_count": 0, "rejected_by_reason": []});
+    assert_eq!(serde_json::from_str::<Value>(&told).unwrap(), report);
     let (status, _, told) = run(folder.path(), &["import"]);
     assert_eq!((status, told.contains("gable import [OPTIONS] --scenes <FILE>")), (Some(2), true), "{told}");
     let (status, _, _) = run(folder.path(), &["import", "roofs.geojson"]);

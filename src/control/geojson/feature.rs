@@ -44,7 +44,7 @@ pub struct ControlPointProperties {
     #[schema(example = "default")]
     pub set: String,
     /// `control`: images are oriented by it. `check`: it is never used, and what an image shows of it is reported.
-    #[schema(inline)]
+    #[schema(value_type = String, pattern = "^(control|check)$", example = "control")]
     pub r#use: Use,
     /// The first day on which the building stands like this; left out if that is open.
     #[serde(skip_serializing_if = "Option::is_none")]
