@@ -8,6 +8,8 @@
 //! an existing database is asked only; drop the caches of the system before (`echo 3 > /proc/sys/vm/drop_caches`) to see
 //! what cold ones cost.
 
+#![allow(clippy::print_stdout, reason = "figures are for people")]
+
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
