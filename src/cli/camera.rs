@@ -25,6 +25,7 @@ Examples:
 
 /// Convert calibrations of other programs
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct CameraCommand {
     #[command(subcommand)]
     action: Action,

@@ -26,6 +26,7 @@ Example:
 
 /// Coordinate reference systems: transform positions, show height systems and their geoid grids
 #[derive(Debug, Args)]
+#[command(after_help = TRANSFORM_EXAMPLES)]
 pub(crate) struct CrsCommand {
     #[command(subcommand)]
     action: Action,
