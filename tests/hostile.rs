@@ -15,7 +15,7 @@ use gable::pipeline::{Judge, Observer, Stage, Task, Tolerance, orient};
 use gable::study::{Hostility, Mixture, labelled, oriented};
 use rayon::prelude::*;
 
-const IMAGES: u64 = 150;
+const IMAGES: u64 = 75;
 /// Many times what an image takes.
 const PATIENCE: Duration = Duration::from_secs(60);
 
