@@ -37,7 +37,7 @@ pub(super) struct ListQuery {
     /// Only of this image.
     image: Option<Uuid>,
     /// Only by the camera of this id or name.
-    #[param(min_length = 1, max_length = 200)]
+    #[param(max_length = 200)]
     camera: Option<String>,
     /// Only of this block.
     block: Option<Uuid>,
