@@ -5,11 +5,18 @@ CREATE TABLE control_sets (
     description TEXT,
     survey_year BIGINT,
     points      BIGINT NOT NULL DEFAULT 0, -- how many control points it has: to count ten million takes too long
+    min_lon_deg DOUBLE PRECISION, -- a box around all that was imported, as long as there are any
+    max_lon_deg DOUBLE PRECISION,
+    min_lat_deg DOUBLE PRECISION,
+    max_lat_deg DOUBLE PRECISION,
     created_at  TIMESTAMPTZ NOT NULL
 );
 
-INSERT INTO control_sets (name, description, points, created_at)
-SELECT 'default', 'where an import names no set', (SELECT count(*) FROM control_points), now();
+-- of a box the first corner is the upper right one
+INSERT INTO control_sets (name, description, points, min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg, created_at)
+SELECT 'default', 'where an import names no set', count(*), min((extent[1])[0]), max((extent[0])[0]),
+       min((extent[1])[1]), max((extent[0])[1]), now()
+FROM control_points;
 
 -- What was imported. An import of a file that was interrupted goes on where its last row was written.
 CREATE TABLE control_imports (

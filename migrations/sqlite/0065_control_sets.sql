@@ -5,12 +5,17 @@ CREATE TABLE control_sets (
     description TEXT,
     survey_year INTEGER,
     points      INTEGER NOT NULL DEFAULT 0, -- how many control points it has: to count ten million takes too long
+    min_lon_deg REAL, -- a box around all that was imported, as long as there are any
+    max_lon_deg REAL,
+    min_lat_deg REAL,
+    max_lat_deg REAL,
     created_at  TEXT NOT NULL
 ) STRICT;
 
-INSERT INTO control_sets (id, name, description, points, created_at)
-SELECT 1, 'default', 'where an import names no set', (SELECT count(*) FROM control_points),
-       strftime('%Y-%m-%dT%H:%M:%S+00:00', 'now');
+INSERT INTO control_sets (id, name, description, points, min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg, created_at)
+SELECT 1, 'default', 'where an import names no set', count(*), min(min_lon_deg), max(max_lon_deg), min(min_lat_deg),
+       max(max_lat_deg), strftime('%Y-%m-%dT%H:%M:%S+00:00', 'now')
+FROM control_point_boxes;
 
 -- What was imported. An import of a file that was interrupted goes on where its last row was written.
 CREATE TABLE control_imports (

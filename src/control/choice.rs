@@ -23,7 +23,8 @@ const FARTHEST_M: f64 = 400.0;
 /// At most `most` of the buildings, in their order; all if there are no more. In turn the best of each cell of a grid over
 /// the ground: the most distinctive ones, that are large in the image and not hidden by taller neighbours as the camera
 /// sees them.
-pub(super) fn chosen_of_many(points: Vec<ControlPoint>, camera_m: Vector3<f64>, most: usize) -> Vec<ControlPoint> {
+#[must_use]
+pub fn chosen_of_many(points: Vec<ControlPoint>, camera_m: Vector3<f64>, most: usize) -> Vec<ControlPoint> {
     if points.len() <= most {
         return points;
     }
@@ -186,14 +187,5 @@ mod tests {
         assert!(!places.hides(&bodies, behind, Vector3::new(700.0, 760.0, 1_500.0)));
         assert!(!places.hides(&bodies, 34 * 70 + 35, oblique));
         assert!(!places.hides(&bodies, 10 * 70 + 10, oblique));
-    }
-
-    /// The issue asks for 50 ms, of which this takes two in an optimised build; so much is left for a loaded machine.
-    #[test]
-    fn five_thousand_are_chosen_among_at_once() {
-        let (town, began) = (town(), std::time::Instant::now());
-        let chosen = chosen_of_many(town, Vector3::new(700.0, -900.0, 600.0), 400);
-        let milliseconds = began.elapsed().as_secs_f64() * 1e3;
-        assert!(chosen.len() == 400 && milliseconds < 500.0, "{milliseconds} ms");
     }
 }

@@ -22,6 +22,7 @@ mod tests;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+pub use choice::chosen_of_many;
 pub use geojson::{CollectionError, Rejection, Source};
 pub use geopackage::{GeoPackageError, Record};
 pub use model::{StoredControlPoint, Use, Validity};

@@ -71,7 +71,7 @@ impl Default for Reach {
     fn default() -> Self {
         Self {
             farthest_m: 20_000.0,
-            most: 5_000,
+            most: 20_000,
             most_chosen: 500,
             most_check: 1_000,
             most_scenes: 60,
@@ -116,6 +116,7 @@ pub async fn around(
     let widest = erring_more.as_ref().unwrap_or(approximation);
     let radius_m = view_radius_m(half_view_rad, widest, ground_m).min(reach.farthest_m);
     let region = GeodeticBox::around_place(place, radius_m);
+    let view = View::new(half_view_rad, approximation, ground_m);
     let mut near = Near::default();
     if wanted.kinds.lines {
         let kept = latest(points::in_box(database, region, &filter, 0, usize::MAX).await?, &surveys(database).await?);
@@ -126,9 +127,9 @@ pub async fn around(
             points.map(|kept| kept.point.in_frame(frame)).filter(near_enough).collect::<Vec<_>>()
         };
         let nearest = |mut points: Vec<ControlPoint>, most: usize| {
-            let horizontal_m = |point: &ControlPoint| (point.reference_m - centre_m).xy().norm();
+            let off_middle_m = |point: &ControlPoint| (point.reference_m.xy() - view.middle_m).norm();
             if points.len() > most {
-                points.sort_by(|a, b| horizontal_m(a).total_cmp(&horizontal_m(b)));
+                points.sort_by(|a, b| off_middle_m(a).total_cmp(&off_middle_m(b)));
                 points.truncate(most);
             }
             points.sort_by(|a, b| a.name.cmp(&b.name));
@@ -146,7 +147,7 @@ pub async fn around(
         let candidates = scenes::in_box(database, region, 0, usize::MAX).await?.into_iter().map(in_frame);
         // only its reference is of use
         let candidates = candidates.filter(|candidate| (candidate.place_m - centre_m.xy()).norm() <= radius_m);
-        near.scenes = chosen(candidates.collect(), &View::new(half_view_rad, approximation, ground_m), reach);
+        near.scenes = chosen(candidates.collect(), &view, reach);
         near.scenes.sort_by(|a, b| a.content.name.cmp(&b.content.name));
     }
     Ok(near)
@@ -158,12 +159,16 @@ async fn surveys(database: &Database) -> Result<HashMap<i64, Option<i64>>, Contr
 }
 
 /// Of buildings of the same name in several sets the one that was surveyed last: an image is not to be oriented by the
-/// same building twice, nor by what it was before it was rebuilt.
+/// same building twice, nor by what it was before it was rebuilt. But one that is held out in any of them, to check
+/// with, orients nothing.
 fn latest(mut kept: Vec<Kept>, surveys: &HashMap<i64, Option<i64>>) -> Vec<Kept> {
     if kept.windows(2).all(|pair| pair[0].set_id == pair[1].set_id) {
         return kept;
     }
-    let survey = |kept: &Kept| (surveys.get(&kept.set_id).copied().flatten(), kept.id);
+    let survey = |kept: &Kept| {
+        let checks = kept.point.purpose == Use::Check;
+        (checks, surveys.get(&kept.set_id).copied().flatten(), kept.id)
+    };
     kept.sort_by(|a, b| a.point.name.cmp(&b.point.name).then_with(|| survey(b).cmp(&survey(a))));
     kept.dedup_by(|later, first| later.point.name == first.point.name);
     kept

@@ -259,10 +259,12 @@ pub(super) fn of_building(
         ));
     }
     let of_crs_m = source.crs.accuracy_m();
-    let mut corners = Corners::new(source, building.edges.len());
+    let ends: Vec<[f64; 3]> = building.edges.iter().flat_map(|edge| [edge.start, edge.end]).collect();
+    let ends_m = corners_geocentric_m(source, &ends)?;
     let mut edges = Vec::with_capacity(building.edges.len());
-    for RoofEdge { kind, start, end } in &building.edges {
-        let geocentric_m = Segment3 { start: corners.geocentric_m(*start)?, end: corners.geocentric_m(*end)? };
+    for (RoofEdge { kind, .. }, ends_m) in building.edges.iter().zip(ends_m.as_chunks().0) {
+        let [start, end] = *ends_m;
+        let geocentric_m = Segment3 { start, end };
         // corners that a model has twice
         if geocentric_m.length() >= geojson::SHORTEST_EDGE_M {
             edges.push(StoredEdge {
@@ -286,28 +288,23 @@ pub(super) fn of_building(
 }
 
 /// The corners of a roof, in which several edges meet: each is transformed once.
-pub(super) struct Corners<'s> {
-    source: &'s Source<'s>,
-    known: Vec<([f64; 3], Vector3<f64>)>,
+///
+/// Their positions in the order in which edges name them, their geocentric coordinates in the same order.
+pub(super) fn corners_geocentric_m(source: &Source<'_>, named: &[[f64; 3]]) -> Result<Vec<Vector3<f64>>, String> {
+    let mut corners: Vec<[f64; 3]> = Vec::with_capacity(named.len());
+    let mut which = Vec::with_capacity(named.len());
+    for position in named {
+        let searched = corners.len().saturating_sub(CORNERS_SEARCHED);
+        let found = corners[searched..].iter().rposition(|corner| corner == position);
+        which.push(found.map_or(corners.len(), |place| searched + place));
+        if found.is_none() {
+            corners.push(*position);
+        }
+    }
+    let Source { crs, geoid_undulation_m } = *source;
+    let corners_m = crs.geocentric_from_positions(&corners, geoid_undulation_m).map_err(|e| e.to_string())?;
+    Ok(which.into_iter().map(|corner| corners_m[corner]).collect())
 }
 
 /// A roof with more corners is not searched through for each.
 const CORNERS_SEARCHED: usize = 64;
-
-impl<'s> Corners<'s> {
-    /// About so many corners are to be expected.
-    pub(super) fn new(source: &'s Source<'s>, corners: usize) -> Self {
-        Self { source, known: Vec::with_capacity(corners) }
-    }
-
-    pub(super) fn geocentric_m(&mut self, position: [f64; 3]) -> Result<Vector3<f64>, String> {
-        let latest = self.known.iter().rev().take(CORNERS_SEARCHED);
-        if let Some((_, known_m)) = latest.into_iter().find(|(corner, _)| *corner == position) {
-            return Ok(*known_m);
-        }
-        let Source { crs, geoid_undulation_m } = *self.source;
-        let made_m = crs.geocentric_from_position(position, geoid_undulation_m).map_err(|e| e.to_string())?;
-        self.known.push((position, made_m));
-        Ok(made_m)
-    }
-}

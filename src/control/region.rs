@@ -53,6 +53,17 @@ impl GeodeticBox {
         bounds
     }
 
+    /// The smallest box around two of them, on the same side of the antimeridian.
+    #[must_use]
+    pub fn around_both(self, other: Self) -> Self {
+        Self {
+            min_lon_deg: self.min_lon_deg.min(other.min_lon_deg),
+            max_lon_deg: self.max_lon_deg.max(other.max_lon_deg),
+            min_lat_deg: self.min_lat_deg.min(other.min_lat_deg),
+            max_lat_deg: self.max_lat_deg.max(other.max_lat_deg),
+        }
+    }
+
     /// A box around a building, too large by some millimetres, and never too small: its points are brought to the tangent
     /// plane at its reference point, which is many times faster than finding the longitude and latitude of each.
     #[must_use]

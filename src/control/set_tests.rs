@@ -117,6 +117,29 @@ async fn an_image_gets_the_sets_the_day_and_the_use_that_are_right() {
     assert_eq!(found(None, Some("2020-06-30")).await, ["barn 0.1, church 0.2", "tower 0.1"]);
     assert_eq!(found(None, Some("2020-07-01")).await, ["church 0.2, hall 0.1", "tower 0.1"]);
     assert_eq!(found(Some(&[]), None).await, ["", ""]);
+    // held out anywhere, however old the survey, it orients nothing
+    import_to(&pool, "held out", &collection(&[with(place("church"), "use", json!("check"))]), Mode::Upsert).await;
+    assert_eq!(found(None, None).await, ["barn 0.1, hall 0.1", "church 0.1, tower 0.1"]);
+    assert_eq!(found(Some(&["new"]), None).await, ["church 0.2, hall 0.1", "tower 0.1"]);
+}
+
+/// Where all lies is told from the sets, without looking at every control point.
+#[tokio::test]
+async fn the_extent_is_that_of_what_was_imported_and_is_still_there() {
+    let pool = database().await;
+    let told = async || {
+        let (count, bounds) = points::extent(&pool).await.unwrap();
+        (count, bounds.map(|bounds| [bounds.min_lon_deg, bounds.max_lon_deg].map(|lon| (lon * 100.0).round() / 100.0)))
+    };
+    assert_eq!(told().await, (0, None));
+    import_to(&pool, "a", &collection(&[feature("1", 16.6, 52.7, 70.0)]), Mode::Upsert).await;
+    import_to(&pool, "a", &collection(&[feature("2", 16.8, 52.7, 70.0)]), Mode::Upsert).await;
+    import_to(&pool, DEFAULT_SET, &collection(&[feature("3", 17.0, 52.7, 70.0)]), Mode::Upsert).await;
+    assert_eq!(told().await, (3, Some([16.6, 17.0])));
+    sets::remove(&pool, DEFAULT_SET).await.unwrap();
+    assert_eq!(told().await, (2, Some([16.6, 16.8])));
+    import_to(&pool, DEFAULT_SET, &collection(&[feature("4", 16.5, 52.7, 70.0)]), Mode::Upsert).await;
+    assert_eq!(told().await, (3, Some([16.5, 16.8])));
 }
 
 #[tokio::test]
@@ -177,14 +200,14 @@ async fn an_import_that_was_interrupted_goes_on_where_it_was() {
     file.write_all(b"a model").unwrap();
     let identity = FileIdentity::of(file.path()).unwrap();
     let crs = Arc::new(Crs::parse("EPSG:25832").unwrap());
-    let run = async |broken_at: usize, anew: bool| {
+    let run = async |broken_at: usize, anew: bool, undulation_m: Option<f64>| {
         let import = Import { file: Some(identity), anew, ..Import::default() };
         let crs = crs.clone();
         let mut steps = Vec::new();
         let read = points::import(
             &pool,
             &import,
-            model_reading(None),
+            Reading { geoid_undulation_m: undulation_m, ..model_reading(None) },
             move |_, each| {
                 for index in 0..COUNT {
                     if index == broken_at {
@@ -205,11 +228,11 @@ async fn an_import_that_was_interrupted_goes_on_where_it_was() {
         let read = read.await.map_err(|error| error.to_string());
         (read, steps)
     };
-    let (read, steps) = run(30_000, false).await;
+    let (read, steps) = run(30_000, false, None).await;
     assert!(read.is_err());
     assert_eq!(steps, [(20_000, 20)]);
     assert_eq!(points_of(&pool, DEFAULT_SET).await, 19_980);
-    let (read, steps) = run(COUNT, false).await;
+    let (read, steps) = run(COUNT, false, None).await;
     let report = read.unwrap();
     assert_eq!((report.imported, report.updated, report.rejected_count), (44_955, 0, 45));
     assert_eq!(report.resumed_at, Some(20_000));
@@ -218,12 +241,23 @@ async fn an_import_that_was_interrupted_goes_on_where_it_was() {
     assert_eq!(steps, [(40_000, 20), (45_000, 5)]);
     assert_eq!(points_of(&pool, DEFAULT_SET).await, 44_955);
     // it came to its end: again means anew
-    let (read, _) = run(COUNT, false).await;
+    let (read, _) = run(COUNT, false, None).await;
     let again = read.unwrap();
     assert_eq!((again.imported, again.updated, again.resumed_at), (0, 44_955, None));
-    run(25_000, false).await.0.unwrap_err();
-    let anew = run(COUNT, true).await.0.unwrap();
+    run(25_000, false, None).await.0.unwrap_err();
+    let anew = run(COUNT, true, None).await.0.unwrap();
     assert_eq!((anew.updated, anew.resumed_at), (44_955, None));
+    // understood in another way it is another import: what was written with the wrong heights would stay
+    run(25_000, false, None).await.0.unwrap_err();
+    let mended = run(25_000, false, Some(46.0)).await.0.unwrap_err();
+    let resumed = run(COUNT, false, Some(46.0)).await.0.unwrap();
+    assert_eq!((mended.as_str(), resumed.resumed_at), (ReadError::NoCrs.to_string().as_str(), Some(20_000)));
+    assert_eq!(resumed.updated, 44_955);
+    // and behind what was removed nothing goes on
+    run(25_000, false, None).await.0.unwrap_err();
+    sets::remove(&pool, DEFAULT_SET).await.unwrap();
+    let again = run(COUNT, false, None).await.0.unwrap();
+    assert_eq!((again.imported, again.resumed_at), (44_955, None));
 }
 
 #[test]

@@ -4,6 +4,8 @@ use chrono::{DateTime, Utc};
 use sqlx::FromRow;
 
 use super::ControlError;
+use super::points::remove_numbers;
+use super::region::GeodeticBox;
 use crate::database::{Database, Transaction, query};
 
 /// Where an import names no set.
@@ -98,7 +100,7 @@ pub async fn by_name(database: &Database, name: &str) -> Result<Option<ControlSe
 }
 
 /// So many control points are removed in one transaction.
-const REMOVED_AT_ONCE: i64 = 20_000;
+pub(super) const REMOVED_AT_ONCE: i64 = 20_000;
 
 /// Removes a set with all its control points, some thousands at a time, so that others get to write in between; `false`
 /// if there is none. The default set is emptied, and stays.
@@ -109,38 +111,23 @@ pub async fn remove(database: &Database, name: &str) -> Result<bool, ControlErro
     let Some(set) = by_name(database, name).await? else { return Ok(false) };
     loop {
         let mut transaction = database.begin_alone().await?;
-        let removed = remove_some(&mut transaction, &set).await?;
-        if removed == 0 && name != DEFAULT_SET {
-            query("DELETE FROM control_sets WHERE id = $1").bind(set.id).execute(&mut transaction).await?;
-        }
-        transaction.commit().await?;
-        if removed == 0 {
+        let some: Vec<i64> = query("SELECT id FROM control_points WHERE set_id = $1 ORDER BY name LIMIT $2")
+            .bind(set.id)
+            .bind(REMOVED_AT_ONCE)
+            .fetch_values(&mut transaction)
+            .await?;
+        if some.is_empty() {
+            // an import that was interrupted would go on behind what is gone
+            query("DELETE FROM control_imports WHERE set_id = $1").bind(set.id).execute(&mut transaction).await?;
+            if name != DEFAULT_SET {
+                query("DELETE FROM control_sets WHERE id = $1").bind(set.id).execute(&mut transaction).await?;
+            }
+            transaction.commit().await?;
             return Ok(true);
         }
+        remove_numbers(&mut transaction, set.id, some).await?;
+        transaction.commit().await?;
     }
-}
-
-async fn remove_some(transaction: &mut Transaction, set: &ControlSet) -> Result<u64, ControlError> {
-    if let Transaction::Sqlite(_) = transaction {
-        query(
-            "DELETE FROM control_point_boxes WHERE id IN (SELECT id FROM control_points WHERE set_id = $1
-             ORDER BY name LIMIT $2)",
-        )
-        .bind(set.id)
-        .bind(REMOVED_AT_ONCE)
-        .execute(&mut *transaction)
-        .await?;
-    }
-    let removed = query(
-        "DELETE FROM control_points WHERE id IN (SELECT id FROM control_points WHERE set_id = $1
-         ORDER BY name LIMIT $2)",
-    )
-    .bind(set.id)
-    .bind(REMOVED_AT_ONCE)
-    .execute(&mut *transaction)
-    .await?;
-    counted(transaction, set.id, -removed.cast_signed()).await?;
-    Ok(removed)
 }
 
 /// Notes that a set has so many control points more.
@@ -150,5 +137,30 @@ pub(super) async fn counted(transaction: &mut Transaction, set_id: i64, more: i6
         .bind(set_id)
         .execute(transaction)
         .await?;
+    Ok(())
+}
+
+/// Notes that what is written into a set, beside what it has, lies in `region`.
+pub(super) async fn widened(
+    transaction: &mut Transaction,
+    set_id: i64,
+    region: GeodeticBox,
+) -> Result<(), ControlError> {
+    let GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg } = region;
+    query(
+        "UPDATE control_sets SET
+             min_lon_deg = CASE WHEN points > 0 AND min_lon_deg < $1 THEN min_lon_deg ELSE $1 END,
+             max_lon_deg = CASE WHEN points > 0 AND max_lon_deg > $2 THEN max_lon_deg ELSE $2 END,
+             min_lat_deg = CASE WHEN points > 0 AND min_lat_deg < $3 THEN min_lat_deg ELSE $3 END,
+             max_lat_deg = CASE WHEN points > 0 AND max_lat_deg > $4 THEN max_lat_deg ELSE $4 END
+         WHERE id = $5",
+    )
+    .bind(min_lon_deg)
+    .bind(max_lon_deg)
+    .bind(min_lat_deg)
+    .bind(max_lat_deg)
+    .bind(set_id)
+    .execute(transaction)
+    .await?;
     Ok(())
 }

@@ -245,6 +245,14 @@ async fn what_may_be_in_view_is_found(#[case] lon: f64) {
     let found =
         around(&pool, &frame, camera.half_view_rad(), &approximation, few, &anything(BOTH)).await.unwrap().lines;
     assert!(found.len() == 9 && found.iter().all(|p| distance(p) < 150.0));
+    // an oblique image does not show what is below the camera
+    let mut oblique = approximation;
+    oblique.orientation.camera_from_object = rotation::camera_from_object(0.7, 0.0, 0.0);
+    let middle_m = oblique.orientation.ground_point_m(1.0, Vector2::zeros(), 80.0).unwrap();
+    let found = around(&pool, &frame, camera.half_view_rad(), &oblique, few, &anything(BOTH)).await.unwrap().lines;
+    let off_middle_m = |point: &crate::orientation::ControlPoint| (point.reference_m - middle_m).xy().norm();
+    assert!(middle_m.xy().norm() > 400.0);
+    assert!(found.len() == 9 && found.iter().all(|p| off_middle_m(p) < 150.0));
 }
 
 #[tokio::test]

@@ -21,7 +21,7 @@ use gable::control::near::Reach;
 use gable::control::points::{self, Filter, Import};
 use gable::control::reading::Raw;
 use gable::control::region::longitude_latitude_deg;
-use gable::control::{FileFormat, GeodeticBox, Kinds, Mode, Reading, Wanted, around};
+use gable::control::{FileFormat, GeodeticBox, Kinds, Mode, Reading, Wanted, around, chosen_of_many};
 use gable::database::{Database, query};
 use gable::geometry::{Crs, ExteriorOrientation, LocalFrame, rotation};
 use gable::pipeline::Approximation;
@@ -39,6 +39,7 @@ const MEAN_PER_TILE: f64 = 294.0;
 const SHARE_OF_TOWNS: f64 = 0.15;
 const IN_TOWNS: f64 = 4.7;
 const FOOTPRINTS: usize = 1_000;
+const CHOSEN: usize = 60;
 
 #[tokio::main]
 async fn main() -> Result<(), Failure> {
@@ -60,6 +61,7 @@ async fn main() -> Result<(), Failure> {
     for pass in ["first", "second"] {
         footprints(&database, &state, pass).await?;
     }
+    choices(&database, &state).await?;
     views(&database, &state).await?;
     database.close().await;
     Ok(())
@@ -132,6 +134,35 @@ async fn footprints(database: &Database, state: &State, pass: &str) -> Result<()
     println!(
         "{pass} time: footprint p50 {p50:.1} ms, p95 {p95:.1} ms, worst {most:.1} ms; {median:.0} buildings, p95 {many:.0}"
     );
+    Ok(())
+}
+
+/// The choice by itself, among the thousands that an image of a town from 1500 m shows.
+async fn choices(database: &Database, state: &State) -> Result<(), Failure> {
+    let (crs, mut draws) = (Crs::parse("EPSG:25832")?, ChaCha8Rng::seed_from_u64(3));
+    let (mut times, mut among) = (Vec::new(), Vec::new());
+    for _ in 0..300 {
+        let place = crs.geocentric_from_position(state.place(draws.random_range(0..state.buildings)), None)?;
+        let [lon_deg, lat_deg] = longitude_latitude_deg(place);
+        let region = GeodeticBox::around_place([lon_deg, lat_deg], 1_000.0);
+        let frame = LocalFrame::at(lon_deg, lat_deg, 0.0);
+        let kept = points::in_box(database, region, &Filter::default(), 0, usize::MAX).await?;
+        let town: Vec<_> = kept.iter().map(|kept| kept.point.in_frame(&frame)).collect();
+        if town.len() < 2_000 {
+            continue;
+        }
+        among.push(town.len() as f64);
+        let began = Instant::now();
+        let chosen = chosen_of_many(town, Vector3::new(500.0, 0.0, 1_600.0), CHOSEN);
+        times.push(1e3 * began.elapsed().as_secs_f64());
+        assert_eq!(chosen.len(), CHOSEN);
+    }
+    if times.is_empty() {
+        println!("no town has thousands of buildings to choose among");
+        return Ok(());
+    }
+    let ([p50, p95, most], [median, ..]) = (quantiles(times), quantiles(among));
+    println!("choice of {CHOSEN} among {median:.0}: p50 {p50:.1} ms, p95 {p95:.1} ms, worst {most:.1} ms");
     Ok(())
 }
 

@@ -86,6 +86,32 @@ test('a file that is no GeoJSON, and a CRS that nobody knows, are said where the
   assert.equal(await page.getByLabel('CRS').getAttribute('aria-invalid'), 'true');
 });
 
+test('an import goes into a set, which is told of, and removed with all that is in it', async () => {
+  const page = await open();
+  await page.getByRole('tab', { name: 'Import' }).click();
+  await page.getByLabel('Set').fill('survey 2024');
+  await page.getByLabel('Use').selectOption('check');
+  const { name } = scene().control.features[0].properties;
+  await importFile(page, collection(square(name, 7), square('apart', 7.001)));
+  await page.getByText('2 new', { exact: false }).waitFor();
+  // a name that both sets have is two entries, each with what is known of it
+  await page.getByRole('tab', { name: 'Points' }).click();
+  await page.getByPlaceholder('Search by name').fill(name);
+  await until(async () => (await page.locator('.control-entry').filter({ hasText: name }).count()) >= 2, 'both are listed');
+  await page.getByPlaceholder('Search by name').fill('apart');
+  await page.locator('.control-entry').filter({ hasText: 'apart' }).first().click();
+  await page.getByText('only checks them').waitFor();
+  await page.getByText('survey 2024').waitFor();
+
+  await page.getByRole('tab', { name: 'Sets' }).click();
+  await page.getByRole('heading', { name: 'survey 2024' }).waitFor();
+  await page.getByRole('button', { name: 'Delete the set survey 2024' }).click();
+  await page.getByRole('dialog').getByRole('button', { name: 'Delete' }).click();
+  await page.getByText('survey 2024 is deleted').waitFor();
+  const kept = (await served.api('GET', '/control-sets')).items.map((set) => set.name);
+  assert.deepEqual(kept, ['default']);
+});
+
 test('a scene is uploaded with its reference picked in its picture, and faults stand at their fields', async () => {
   const page = await open();
   await page.getByText(' in view').waitFor();
@@ -118,7 +144,7 @@ test('nothing that axe knows is wrong, in both themes and in German', async () =
     await page.locator('.control-entry').first().click();
     await page.locator('.health-line').waitFor();
     await axe(page);
-    for (const tab of ['scenes', 'import']) {
+    for (const tab of ['scenes', 'sets', 'import']) {
       await page.locator(`#tab-${tab}`).click();
       await axe(page);
     }

@@ -10,7 +10,7 @@ use crate::buildings::{self, Building, EdgeKind, Limits};
 use crate::control::accuracy::edge_sigma_m;
 use crate::control::geojson::{self, Defaults, MOST_EDGES, SHORTEST_EDGE_M, Source};
 use crate::control::model::{StoredControlPoint, StoredEdge, Use, Validity};
-use crate::control::reading::{Corners, of_building};
+use crate::control::reading::{corners_geocentric_m, of_building};
 use crate::geometry::Segment3;
 
 /// What a row takes beside its geometry, about.
@@ -226,12 +226,16 @@ fn of_lines(
         return Err(format!("it has {segments} segments; a control point has at most {MOST_EDGES}"));
     }
     let of_crs_m = source.crs.accuracy_m();
-    let mut corners = Corners::new(source, segments + lines.len());
+    let positions: Vec<[f64; 3]> = lines.iter().flat_map(|line| line.positions.iter().copied()).collect();
+    let positions_m = corners_geocentric_m(source, &positions)?;
+    let mut rest_m = positions_m.as_slice();
     let (mut edges, mut stated_m) = (Vec::with_capacity(segments), 0.0_f64);
     for (index, Line { positions, kind, sigma_m }) in lines.iter().enumerate() {
         let before = edges.len();
-        for (start, end) in positions.iter().zip(positions.iter().skip(1)) {
-            let geocentric_m = Segment3 { start: corners.geocentric_m(*start)?, end: corners.geocentric_m(*end)? };
+        let (line_m, others_m) = rest_m.split_at(positions.len());
+        rest_m = others_m;
+        for ends_m in line_m.windows(2) {
+            let geocentric_m = Segment3 { start: ends_m[0], end: ends_m[1] };
             // points that a line has twice
             if geocentric_m.length() >= SHORTEST_EDGE_M {
                 let sigma_m = kind.map_or(*sigma_m, |kind| edge_sigma_m(kind, *sigma_m)).hypot(of_crs_m);

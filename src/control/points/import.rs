@@ -20,8 +20,8 @@ use crate::database::{Database, Transaction, query};
 const BATCH: usize = 20_000;
 /// A batch of large buildings ends before: so many edges are in memory a few times over.
 const BATCH_EDGES: usize = 800_000;
-/// Memory for pages of SQLite while it is filled, and at other times (its default): else each batch writes and reads
-/// pages of the index of names again and again, which takes half as long once more.
+/// Memory for pages of SQLite while a batch is written, and at other times (its default): else each batch writes and
+/// reads pages of the index of names again and again, which takes half as long once more.
 const LARGE_CACHE: &str = "PRAGMA cache_size = -131072";
 const USUAL_CACHE: &str = "PRAGMA cache_size = -2000";
 /// Batches that wait to be written, beside the one that is gathered and the one that is written.
@@ -91,11 +91,12 @@ where
 {
     let (sender, mut batches) = channel(WAITING);
     let set_id = found_or_made(database, &import.set).await?;
-    let Begun { id, mut report, mut items_done } = resume::begun(database, import, set_id).await?;
+    let Begun { id, mut report, mut items_done } = resume::begun(database, import, &reading, set_id).await?;
     let target = Target { set_id, import_id: id, mode: import.mode };
     let reader = tokio::task::spawn_blocking(move || gather(&reading, read, items_done, &sender));
     while let Some(Batch { rows, mut rejected, items_done: done }) = batches.recv().await {
-        let mut transaction = begin(database, LARGE_CACHE).await?;
+        let mut transaction = database.begin_alone().await?;
+        set_cache(&mut transaction, LARGE_CACHE).await?;
         let written = write_batch(&mut transaction, target, rows).await?;
         rejected.extend(written.rejected);
         rejected.sort_by_key(|rejection| rejection.index);
@@ -104,25 +105,26 @@ where
         rejected.iter().cloned().for_each(|rejection| report.reject(rejection));
         items_done = done;
         resume::note(&mut transaction, id, &report, items_done).await?;
+        set_cache(&mut transaction, USUAL_CACHE).await?;
         transaction.commit().await?;
         progress(Step { items_done, report: &report, rejected: &rejected });
     }
     reader.await.map_err(|_| ImportError::Panicked)??;
-    let mut transaction = begin(database, USUAL_CACHE).await?;
     if import.mode == Mode::Replace && report.imported + report.updated > 0 {
-        remove_others(&mut transaction, target).await?;
+        remove_others(database, target).await?;
     }
+    let mut transaction = database.begin_alone().await?;
     resume::end(&mut transaction, id).await?;
     transaction.commit().await?;
     Ok(report.sorted())
 }
 
-async fn begin(database: &Database, cache: &'static str) -> Result<Transaction, ControlError> {
-    let mut transaction = database.begin_alone().await?;
+/// A connection keeps its cache after the transaction, among those that others take.
+async fn set_cache(transaction: &mut Transaction, size: &'static str) -> Result<(), ControlError> {
     if let Transaction::Sqlite(_) = transaction {
-        query(cache).execute(&mut transaction).await?;
+        query(size).execute(transaction).await?;
     }
-    Ok(transaction)
+    Ok(())
 }
 
 /// Control points that are written together.

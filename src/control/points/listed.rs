@@ -4,7 +4,7 @@ use super::rows::Row;
 use super::{Filter, Kept, in_box};
 use crate::control::ControlError;
 use crate::control::region::GeodeticBox;
-use crate::database::{Database, Dialects, containing, query};
+use crate::database::{Database, containing, query};
 
 /// The control points that are wanted, by ascending id, from the first one after `after`, at most `limit`: those whose
 /// box touches the region, if there is one. The boxes being rounded outward, some may lie just outside of it.
@@ -41,26 +41,23 @@ pub async fn listed(
     rows.into_iter().map(Kept::try_from).collect()
 }
 
-/// How many control points there are, and a box around them, if there are any.
+/// How many control points there are, and a box around all that was imported, if there are any left of it.
 ///
 /// # Errors
 /// [`ControlError`] if the database fails.
 pub async fn extent(database: &Database) -> Result<(u64, Option<GeodeticBox>), ControlError> {
-    type Bounds = (i64, Option<f64>, Option<f64>, Option<f64>, Option<f64>);
-    let (count, west, east, south, north): Bounds = query(database.dialect(EXTENT)).fetch_one(database).await?;
+    type Bounds = (Option<i64>, Option<f64>, Option<f64>, Option<f64>, Option<f64>);
+    let (count, west, east, south, north): Bounds = query(
+        "SELECT CAST(sum(points) AS BIGINT), min(min_lon_deg), max(max_lon_deg), min(min_lat_deg), max(max_lat_deg)
+         FROM control_sets WHERE points > 0",
+    )
+    .fetch_one(database)
+    .await?;
     let bounds = match (west, east, south, north) {
         (Some(min_lon_deg), Some(max_lon_deg), Some(min_lat_deg), Some(max_lat_deg)) => {
             Some(GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg })
         }
         _ => None,
     };
-    Ok((count.unsigned_abs(), bounds))
+    Ok((count.unwrap_or_default().unsigned_abs(), bounds))
 }
-
-/// Of a box PostgreSQL's first corner is the upper right one.
-const EXTENT: Dialects = Dialects {
-    sqlite: "SELECT count(*), min(min_lon_deg), max(max_lon_deg), min(min_lat_deg), max(max_lat_deg)
-             FROM control_point_boxes",
-    postgres: "SELECT count(*), min((extent[1])[0]), max((extent[0])[0]), min((extent[1])[1]), max((extent[0])[1])
-               FROM control_points",
-};

@@ -8,7 +8,7 @@ use chrono::Utc;
 use sha2::{Digest as _, Sha256};
 
 use super::import::Import;
-use crate::control::{ControlError, ImportReport};
+use crate::control::{ControlError, ImportReport, Reading};
 use crate::database::{Database, Transaction, query};
 
 /// So much is read at both ends of a file to know it again: a model of a state has hundreds of gigabytes.
@@ -47,9 +47,15 @@ pub(super) struct Begun {
     pub(super) items_done: usize,
 }
 
-/// Takes up an import of the same file into the same set that was interrupted, or begins one.
-pub(super) async fn begun(database: &Database, import: &Import, set_id: i64) -> Result<Begun, ControlError> {
-    let file = import.file.map(|FileIdentity(file)| file.to_vec());
+/// Takes up an import of the same file into the same set that was interrupted, or begins one. It is the same only if it is
+/// to be understood in the same way: what was written with a wrong system would stay.
+pub(super) async fn begun(
+    database: &Database,
+    import: &Import,
+    reading: &Reading,
+    set_id: i64,
+) -> Result<Begun, ControlError> {
+    let file = import.file.map(|FileIdentity(file)| understood(file, import, reading));
     let mut transaction = database.begin_alone().await?;
     if let Some(file) = &file {
         if import.anew {
@@ -83,6 +89,13 @@ pub(super) async fn begun(database: &Database, import: &Import, set_id: i64) -> 
         .await?;
     transaction.commit().await?;
     Ok(Begun { id, report: ImportReport::default(), items_done: 0 })
+}
+
+/// What a file is known by together with how it is read.
+fn understood(file: [u8; 32], import: &Import, reading: &Reading) -> Vec<u8> {
+    let Reading { format, crs, geoid_undulation_m, defaults, heights_assumed: _ } = reading;
+    let how = (import.mode, format, crs.as_ref().map(ToString::to_string), geoid_undulation_m, defaults);
+    Sha256::new().chain_update(file).chain_update(format!("{how:?}")).finalize().to_vec()
 }
 
 /// Notes how far an import has come, together with what it has written.

@@ -7,9 +7,9 @@ use nalgebra::Vector3;
 use crate::control::geojson::Rejection;
 use crate::control::model::{StoredControlPoint, Use, Validity};
 use crate::control::region::GeodeticBox;
-use crate::control::sets::counted;
+use crate::control::sets::{REMOVED_AT_ONCE, counted, widened};
 use crate::control::{ControlError, Mode, encoding, hilbert};
-use crate::database::{Column, Dialects, TEXTS, Transaction, query};
+use crate::database::{Column, Database, Dialects, TEXTS, Transaction, query};
 
 /// A control point that is ready to be written: all that can be done by other threads than the one that writes is done.
 #[derive(Debug)]
@@ -98,6 +98,9 @@ pub(super) async fn write_batch(
     let mut numbers = new_numbers(transaction, written.imported).await?.into_iter();
     let rows: Vec<(i64, NewRow)> =
         good.into_iter().filter_map(|(id, row)| Some((id.or_else(|| numbers.next())?, row))).collect();
+    if let Some(region) = rows.iter().map(|(_, row)| row.bounds).reduce(GeodeticBox::around_both) {
+        widened(transaction, target.set_id, region).await?;
+    }
     write(transaction, target, rows).await?;
     counted(transaction, target.set_id, written.imported as i64).await?;
     Ok(written)
@@ -215,19 +218,39 @@ const WRITE_BOXES: &str = "INSERT OR REPLACE INTO control_point_boxes
          (id, min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg)
      SELECT id, west, east, south, north FROM given";
 
-/// Removes what an import has not written from its set.
-pub(super) async fn remove_others(transaction: &mut Transaction, target: Target) -> Result<(), ControlError> {
-    const OTHERS: &str = "FROM control_points WHERE set_id = $1 AND import_id <> $2";
-    if let Transaction::Sqlite(_) = transaction {
-        query("DELETE FROM control_point_boxes WHERE id IN (SELECT id ")
-            .then(OTHERS)
-            .then(")")
-            .bind(target.set_id)
-            .bind(target.import_id)
-            .execute(&mut *transaction)
-            .await?;
+/// Removes what an import has not written from its set, some thousands at a time, so that others get to write in between.
+pub(super) async fn remove_others(database: &Database, target: Target) -> Result<(), ControlError> {
+    let mut after = 0_i64;
+    loop {
+        let mut transaction = database.begin_alone().await?;
+        let others: Vec<i64> = query(
+            "SELECT id FROM control_points WHERE id > $1 AND set_id = $2 AND import_id <> $3 ORDER BY id LIMIT $4",
+        )
+        .bind(after)
+        .bind(target.set_id)
+        .bind(target.import_id)
+        .bind(REMOVED_AT_ONCE)
+        .fetch_values(&mut transaction)
+        .await?;
+        let Some(last) = others.last() else { return Ok(()) };
+        after = *last;
+        remove_numbers(&mut transaction, target.set_id, others).await?;
+        transaction.commit().await?;
     }
-    let removed =
-        query("DELETE ").then(OTHERS).bind(target.set_id).bind(target.import_id).execute(&mut *transaction).await?;
-    counted(transaction, target.set_id, -removed.cast_signed()).await
+}
+
+/// Removes control points of a set by the numbers of their rows.
+pub(in crate::control) async fn remove_numbers(
+    transaction: &mut Transaction,
+    set_id: i64,
+    numbers: Vec<i64>,
+) -> Result<(), ControlError> {
+    let removed = numbers.len() as i64;
+    let given = || vec![("id", Column::Integers(numbers.clone()))];
+    if let Transaction::Sqlite(_) = transaction {
+        let boxes = "DELETE FROM control_point_boxes WHERE id IN (SELECT id FROM given)";
+        transaction.execute_many(boxes, given()).await?;
+    }
+    transaction.execute_many("DELETE FROM control_points WHERE id IN (SELECT id FROM given)", given()).await?;
+    counted(transaction, set_id, -removed).await
 }

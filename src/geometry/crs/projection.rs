@@ -116,16 +116,21 @@ impl Projection {
     /// Easting and northing, not finite or out of range where the grid does not reach.
     pub(super) fn easting_northing_m(&self, longitude_rad: f64, latitude_rad: f64) -> (f64, f64) {
         match &self.formula {
-            Formula::OfLibrary(operation) => apply(operation, Direction::Fwd, [longitude_rad, latitude_rad]),
+            Formula::OfLibrary(operation) => {
+                let position = apply(operation, Direction::Fwd, vec![[longitude_rad, latitude_rad]]);
+                position[0].into()
+            }
             Formula::Stereographic(grid) => grid.easting_northing_m(longitude_rad, latitude_rad),
         }
     }
 
-    /// Longitude and latitude of a grid position within range.
-    pub(super) fn longitude_latitude_rad(&self, easting_m: f64, northing_m: f64) -> (f64, f64) {
+    /// Longitudes and latitudes of grid positions within range.
+    pub(super) fn longitudes_latitudes_rad(&self, positions_m: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
         match &self.formula {
-            Formula::OfLibrary(operation) => apply(operation, Direction::Inv, [easting_m, northing_m]),
-            Formula::Stereographic(grid) => grid.longitude_latitude_rad(easting_m, northing_m),
+            Formula::OfLibrary(operation) => apply(operation, Direction::Inv, positions_m),
+            Formula::Stereographic(grid) => {
+                positions_m.into_iter().map(|[x, y]| grid.longitude_latitude_rad(x, y).into()).collect()
+            }
         }
     }
 
@@ -140,11 +145,12 @@ impl Projection {
     }
 }
 
-fn apply(operation: &Op, direction: Direction, coordinates: [f64; 2]) -> (f64, f64) {
-    let mut operands = [Coor2D(coordinates)];
+/// The library reads the parameters anew for each call, which costs as much as a position: many at once are cheaper.
+fn apply(operation: &Op, direction: Direction, coordinates: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    let mut operands: Vec<Coor2D> = coordinates.into_iter().map(Coor2D).collect();
     // The count of successes is of no use: a failure leaves NaN behind, which the callers' ranges refuse.
     operation.apply(&Minimal::default(), &mut operands, direction);
-    (operands[0].0[0], operands[0].0[1])
+    operands.into_iter().map(|operand| operand.0).collect()
 }
 
 /// An operation of the library. Every definition is made here from checked numbers, so that it fails only by a defect.

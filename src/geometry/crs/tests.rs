@@ -82,6 +82,22 @@ fn geocentric_coordinates_are_those_of_proj() {
 }
 
 #[test]
+fn many_positions_are_transformed_as_each_of_them() {
+    for (name, position, ..) in every_reference() {
+        let crs = crs(name);
+        let [x, y, z] = *position;
+        let near: Vec<[f64; 3]> = (0..5).map(|i| [x + 1e-3 * f64::from(i), y - 1e-3 * f64::from(i), z]).collect();
+        let one_by_one: Vec<_> = near.iter().map(|p| crs.geocentric_from_position(*p, None).unwrap()).collect();
+        assert_eq!(crs.geocentric_from_positions(&near, None).unwrap(), one_by_one);
+        let wrong = [*position, [f64::NAN, y, z]];
+        assert_eq!(
+            crs.geocentric_from_positions(&wrong, None).unwrap_err().to_string(),
+            crs.geocentric_from_position(wrong[1], None).unwrap_err().to_string()
+        );
+    }
+}
+
+#[test]
 fn positions_are_those_of_proj() {
     for (name, position, geocentric_m, _) in every_reference() {
         let found = crs(name).position_from_geocentric(Vector3::from(*geocentric_m), None).unwrap();

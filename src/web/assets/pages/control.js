@@ -9,13 +9,14 @@ import { CLASSES, classOf, healthSign } from './control/health.js';
 import { importing, newImport } from './control/importing.js';
 import { controlMap } from './control/map.js';
 import { pointPanel, scenePanel } from './control/panel.js';
+import { setList } from './control/sets.js';
 import { forget, newScene, sceneForm } from './control/scene.js';
 import { heading } from './result/figures.js';
 
 const MOST = 2000;
 const LISTED = 200;
 const WAIT_MS = 250;
-const TABS = ['points', 'scenes', 'import'];
+const TABS = ['points', 'scenes', 'sets', 'import'];
 const CRS = 'EPSG:4979';
 const LEGEND = ['good', 'doubtful', 'outdated', 'unseen'];
 
@@ -25,6 +26,7 @@ async function all(path, query, most, signal) {
   return items;
 }
 
+const keyOf = ({ properties: { set, name } }) => `${set} ${name}`;
 const rank = (feature) => CLASSES.indexOf(classOf(feature.properties.health));
 const worstFirst = (a, b) => rank(a) - rank(b) || a.properties.name.localeCompare(b.properties.name, undefined, { numeric: true });
 
@@ -40,7 +42,7 @@ async function extent() {
 /** Shows the page. */
 export async function show(place, { may }) {
   const state = { tab: 'points', inView: [], scenes: [], search: '', found: undefined, chosen: undefined, health: undefined,
-    count: undefined, full: false, importing: newImport(), scene: newScene() };
+    count: undefined, full: false, sets: [], importing: newImport(), scene: newScene() };
   let running = new AbortController();
   let timer;
   let map;
@@ -80,14 +82,15 @@ export async function show(place, { may }) {
     } catch (error) { told(error); }
   }
 
-  const known = (name) => [...(state.found ?? []), ...state.inView].find((feature) => feature.properties.name === name);
+  const known = ({ name, set }) => [...(state.found ?? []), ...state.inView]
+    .find(({ properties }) => properties.name === name && properties.set === set);
   async function choose(chosen, { go = false } = {}) {
     state.chosen = chosen;
     state.health = undefined;
     map.choose(chosen);
     if (chosen) state.tab = chosen.kind === 'scene' ? 'scenes' : 'points';
     draw();
-    const feature = chosen?.kind === 'point' && known(chosen.name);
+    const feature = chosen?.kind === 'point' && known(chosen);
     if (go) {
       const at = feature ? feature.properties.reference
         : state.scenes.find((scene) => scene.name === chosen.name)?.reference.coordinates;
@@ -95,19 +98,20 @@ export async function show(place, { may }) {
     }
     if (!feature) return;
     try {
-      const health = await api.get(`/control-points/${encodeURIComponent(chosen.name)}/health`);
+      const health = await api.get(`/control-points/${encodeURIComponent(chosen.name)}/health`,
+        { query: { set: chosen.set } });
       if (state.chosen !== chosen) return;
       state.health = health;
       draw();
     } catch (error) { told(error); }
   }
 
-  async function remove(path, name) {
+  async function remove(path, name, query) {
     const sure = await confirm({ title: t('control.delete_title', { name }), text: t('control.delete_text'),
       yes: t('control.delete'), danger: true });
     if (!sure) return;
     try {
-      await api.delete(path);
+      await api.delete(path, { query });
       notify(t('control.deleted', { name }), 'done');
       choose(undefined);
       changed();
@@ -115,8 +119,9 @@ export async function show(place, { may }) {
   }
 
   async function changed({ fit = false } = {}) {
-    const area = await extent().catch((error) => { told(error); return {}; });
-    state.count = area.count;
+    const failed = (error) => { told(error); return {}; };
+    const [area, sets] = await Promise.all([extent().catch(failed), api.get('/control-sets').catch(failed)]);
+    Object.assign(state, { count: area.count, sets: sets.items ?? [] });
     if (fit && area.bbox) map.fit(area.bbox);
     map.reload();
     if (state.search) search(state.search);
@@ -124,9 +129,9 @@ export async function show(place, { may }) {
   }
 
   const entry = (feature) => {
-    const { name, health } = feature.properties;
+    const { name, set, health } = feature.properties;
     return html`<li><button type="button" class="control-entry" aria-current=${state.chosen?.name === name ? 'true' : nothing}
-      @click=${() => choose({ kind: 'point', name }, { go: true })}>
+      @click=${() => choose({ kind: 'point', name, set }, { go: true })}>
       ${healthSign(classOf(health), { quiet: true })}<span class="entry-name">${name}</span>
       <span class="quiet-text figure">${health?.seen_in ? t('control.found_of',
         { found: number(health.found), seen: number(health.seen_in) }) : ''}</span></button></li>`;
@@ -137,16 +142,16 @@ export async function show(place, { may }) {
     return html`<p class="quiet-text" role="status">${state.found ? t('control.hits', { count: number(rows.length) })
       : t(state.full ? 'control.in_view_full' : 'control.in_view', { count: number(rows.length) })}
         ${state.count === undefined ? nothing : t('control.of_all', { count: number(state.count) })}</p>
-      <ul class="control-list">${repeat(rows.slice(0, LISTED), (feature) => feature.properties.name, entry)}</ul>
+      <ul class="control-list">${repeat(rows.slice(0, LISTED), keyOf, entry)}</ul>
       ${rows.length > LISTED ? html`<p class="quiet-text">${t('control.more', { count: number(rows.length - LISTED) })}</p>`
         : nothing}`;
   }
 
   function points() {
-    const feature = state.chosen?.kind === 'point' && known(state.chosen.name);
-    const { name } = state.chosen ?? {};
+    const feature = state.chosen?.kind === 'point' && known(state.chosen);
+    const { name, set } = state.chosen ?? {};
     if (feature) return pointPanel(feature, state.health, { mayDelete: may('operator'),
-      remove: () => remove(`/control-points/${encodeURIComponent(name)}`, name), close: () => choose(undefined) });
+      remove: () => remove(`/control-points/${encodeURIComponent(name)}`, name, { set }), close: () => choose(undefined) });
     return html`<label class="field search"><span class="unseen">${t('control.search')}</span>
       <input type="search" placeholder=${t('control.search')} .value=${state.search}
         @input=${(event) => search(event.target.value)}></label>${list()}`;
@@ -167,6 +172,8 @@ export async function show(place, { may }) {
 
   const PANELS = {
     points, scenes,
+    sets: () => setList(state.sets, { mayDelete: may('operator'),
+      remove: ({ name }) => remove(`/control-sets/${encodeURIComponent(name)}`, name) }),
     import: () => (may('operator') ? importing(state.importing, { draw, done: () => changed({ fit: true }) }) : html`<p class="quiet-text">${t('control.only_operators')}</p>`),
   };
 

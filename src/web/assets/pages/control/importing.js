@@ -1,4 +1,4 @@
-// Importing control points: a GeoJSON file, what it is in, and what became of each feature.
+// Importing control points: GeoJSON, a building model or a GeoPackage, what it is in, and what became of each feature.
 
 import { html, nothing } from '../../vendor/lit.js';
 import { api } from '../../api.js';
@@ -9,25 +9,40 @@ import { heading } from '../result/figures.js';
 import { csv, download } from './csv.js';
 
 const CRS = 'gable.control_crs';
+const SET = 'gable.control_set';
 const MODES = ['upsert', 'insert', 'replace'];
+const USES = ['control', 'check'];
 const SHOWN = 200;
+const ACCEPTED = '.geojson,.json,.jsonl,.gml,.xml,.gpkg';
+const FIRST_BYTES = 4096;
+const TYPES = { gml: 'application/gml+xml', xml: 'application/gml+xml', jsonl: 'application/city+json-seq',
+  gpkg: 'application/geopackage+sqlite3' };
+
+/** What a file is, by the end of its name; JSON may be a building model, and says so. */
+async function typeOf(file) {
+  const known = TYPES[file.name.split('.').at(-1).toLowerCase()];
+  if (known) return known;
+  const first = await file.slice(0, FIRST_BYTES).text();
+  return /"CityJSON"/.test(first) ? 'application/city+json' : 'application/geo+json';
+}
 
 /** What is kept of an import while the page is there. */
 export const newImport = () => ({ file: undefined, busy: false, report: undefined, error: undefined });
 
 async function send(state, form, { draw, done }) {
-  const { crs, mode, geoid } = Object.fromEntries(new FormData(form));
+  const { crs, mode, geoid, set, use } = Object.fromEntries(new FormData(form));
   if (mode === 'replace') {
     const title = t('control.replace');
     const sure = await confirm({ title, text: t('control.replace_text'), yes: title, danger: true });
     if (!sure) return;
   }
   localStorage.setItem(CRS, crs);
+  localStorage.setItem(SET, set);
   Object.assign(state, { busy: true, report: undefined, error: undefined });
   draw();
   try {
-    state.report = await api.post('/control-points', state.file, { query: { crs: crs.trim(), mode, geoid_undulation_m: geoid },
-      type: 'application/geo+json' });
+    const query = { crs: crs.trim(), mode, geoid_undulation_m: geoid, set: set.trim(), use };
+    state.report = await api.post('/control-points', state.file, { query, type: await typeOf(state.file) });
     state.file = undefined;
     done();
   } catch (error) {
@@ -50,11 +65,11 @@ function rejectedTable(rejected) {
     <button type="button" class="small" @click=${save}>${t('control.csv')}</button>`;
 }
 
-function report({ imported, updated, rejected }) {
+function report({ imported, updated, rejected, rejected_count }) {
   return html`<div role="status">${heading(t('control.report'))}
     <p class="report-counts"><span><strong>${number(imported,
       0)}</strong> ${t('control.imported')}</span><span><strong>${number(updated, 0)}</strong> ${t('control.updated_count')}</span>
-      <span class=${rejected.length ? 'fault' : ''}><strong>${number(rejected.length,
+      <span class=${rejected_count ? 'fault' : ''}><strong>${number(rejected_count,
         0)}</strong> ${t('control.rejected')}</span></p></div>
     ${rejected.length ? rejectedTable(rejected) : nothing}`;
 }
@@ -68,12 +83,16 @@ export function importing(state, acts) {
     acts.draw();
   };
   const submit = (event) => { event.preventDefault(); if (state.file) send(state, event.target, acts); };
-  const named = ['?crs', '?geoid_undulation_m', '?mode'].some((pointer) => faults.has(pointer));
+  const named = ['?crs', '?geoid_undulation_m', '?mode', '?set'].some((pointer) => faults.has(pointer));
   return html`<form class="control-form" @submit=${submit}>
     <label class="drop field-wide"><span>${state.file ? state.file.name : t('control.drop')}</span>
-      <input type="file" name="file" accept=".geojson,.json,application/geo+json,application/json" @change=${take}></label>
-    ${inputField(t('control.crs'), 'crs', faultOf(faults, '?crs'), { value: localStorage.getItem(CRS) ?? 'EPSG:4979',
-      required: true, wide: true, hint: t('control.crs_hint') })}
+      <input type="file" name="file" accept=${ACCEPTED} @change=${take}></label>
+    ${inputField(t('control.crs'), 'crs', faultOf(faults, '?crs'), { value: localStorage.getItem(CRS) ?? '',
+      wide: true, hint: t('control.crs_hint') })}
+    ${inputField(t('control.set'), 'set', faultOf(faults, '?set'), { value: localStorage.getItem(SET) ?? '',
+      hint: t('control.set_hint') })}
+    <label class="field"><span>${t('control.use')}</span><select name="use">${USES.map((use) => html`
+      <option value=${use}>${t(`control.use_${use}`)}</option>`)}</select></label>
     <label class="field"><span>${t('control.mode')}</span><select name="mode">${MODES.map((mode) => html`
       <option value=${mode}>${t(`control.mode_${mode}`)}</option>`)}</select></label>
     ${inputField(t('control.geoid'), 'geoid', faultOf(faults, '?geoid_undulation_m'), { type: 'number', step: 'any' })}

@@ -40,7 +40,7 @@ const MAKE = {
       stroke: new Stroke({ color: colour(chosen ? 'focus' : 'region'), width: 3 }) }) }),
 };
 
-/** A map in `target`: `moved(bbox)` with west, south, east, north in degrees, `choose({kind, name})` for a click. */
+/** A map in `target`: `moved(bbox)` with west, south, east, north in degrees, `choose({kind, name, set})` for a click. */
 export function controlMap(target, { moved, choose }) {
   let made = new Map();
   let chosen;
@@ -84,7 +84,7 @@ export function controlMap(target, { moved, choose }) {
       return;
     }
     const feature = inside?.[0] ?? hit;
-    choose(feature ? { kind: feature.get('kind'), name: feature.get('name') } : undefined);
+    choose(feature ? { kind: feature.get('kind'), name: feature.get('name'), set: feature.get('set') } : undefined);
   });
   const stopTheme = onTheme(() => {
     made = new Map();
@@ -99,11 +99,11 @@ export function controlMap(target, { moved, choose }) {
       lines.clear(true);
       points.addFeatures(features.map(({ properties }) => new Feature({
         geometry: new Point(fromLonLat(properties.reference)), kind: 'point', name: properties.name,
-          health: classOf(properties.health),
+          set: properties.set, health: classOf(properties.health),
       })));
       lines.addFeatures(features.map((feature) => {
         const read = new Feature({ geometry: GEOJSON.readGeometry(feature.geometry), kind: 'point',
-          name: feature.properties.name });
+          name: feature.properties.name, set: feature.properties.set });
         return read;
       }));
     },

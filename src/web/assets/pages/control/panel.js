@@ -13,7 +13,7 @@ function place([longitude, latitude, height]) {
 
 /** A control point: its feature, and what the API says of its health. */
 export function pointPanel(feature, health, { mayDelete, remove, close }) {
-  const { name, sigma_m, reference } = feature.properties;
+  const { name, set, use, valid_from, valid_to, sigma_m, reference } = feature.properties;
   const known = health ?? feature.properties.health;
   return html`${heading(name, html`<button type="button" class="quiet small" @click=${close}>${t('control.back')}</button>`)}
     <p class="health-line">${healthSign(classOf(known))}</p>
@@ -27,7 +27,9 @@ export function pointPanel(feature, health, { mayDelete, remove, close }) {
       [t('control.last_failed'), known.last_failed_at ? time(known.last_failed_at) : undefined],
     ]) : nothing}
     ${figures([[t('control.reference'), place(reference)], [t('control.sigma'), `${number(sigma_m, 4)} m`],
-      [t('control.lines'), number(feature.geometry.coordinates.length, 0)]])}
+      [t('control.lines'), number(feature.geometry.coordinates.length, 0)], [t('control.set'), set],
+      [t('control.use'), use && t(`control.use_${use}`)], [t('control.valid_from'), valid_from],
+      [t('control.valid_to'), valid_to]])}
     ${mayDelete ? html`<button type="button" class="danger small" @click=${remove}>${t('control.delete')}</button>` : nothing}`;
 }
 
