@@ -158,7 +158,7 @@ impl Town<'_> {
         let name = house.name().map(str::to_owned);
         Some(house.finish(index, self.system.as_ref(), self.limits).unwrap_or_else(|detail| {
             let detail = format!("the building that begins in line {line}: {detail}");
-            Item::Refused(Refused { index, name, detail })
+            Item::Refused(Refused::new(index, name, detail))
         }))
     }
 

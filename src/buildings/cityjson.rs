@@ -1,9 +1,10 @@
 //! CityJSON in one piece, which may be a gigabyte.
 //!
 //! The vertices may come after the objects that refer to them, and the transform after both, so nothing can be handed
-//! over before the end. What is held until then is 24 bytes a vertex and, for each building, its name and four bytes
-//! for each point of its roof: about as much as the file has bytes if it is compact, and bounded by
-//! [`Limits::file_vertices`] and [`Limits::file_objects`]. The text itself is held an object at a time.
+//! over before the end. What is held until then is 24 bytes a vertex and, for each building or part, four bytes for each
+//! point of its roof, its name, that of its first parent and those of its children, of which no name is longer than 200
+//! characters: about as much as the file has bytes if it is compact, and bounded by [`Limits::file_vertices`] and
+//! [`Limits::file_objects`]. The text itself is held an object at a time.
 
 use std::cell::RefCell;
 use std::fmt;
@@ -23,6 +24,8 @@ struct Reading<'a> {
     limits: &'a Limits,
     count: Count,
     objects: Vec<Object>,
+    /// How many children the objects list.
+    children: usize,
     vertices: Vec<[f64; 3]>,
     transform: Option<Transform>,
     metadata: Option<Metadata>,
@@ -44,6 +47,7 @@ pub(super) fn read(
         limits,
         count: meter.count(),
         objects: Vec::new(),
+        children: 0,
         vertices: Vec::new(),
         transform: None,
         metadata: None,
@@ -93,7 +97,7 @@ impl Reading<'_> {
         if error.is_io() {
             return ModelError::Input(error.into());
         }
-        ModelError::Json { detail: error.to_string() }
+        ModelError::of_json("", &error)
     }
 
     /// Allows one more value.
@@ -108,7 +112,11 @@ impl Reading<'_> {
 
     fn object(&mut self, name: &str, text: &RawValue) {
         match serde_json::from_str::<Written<'_>>(text.get()) {
-            Ok(written) => self.objects.extend(Object::of(name, &written, self.limits)),
+            Ok(written) => {
+                let object = Object::of(name, &written, self.limits);
+                self.children += object.as_ref().map_or(0, |object| object.children.len());
+                self.objects.extend(object);
+            }
             // whether it was a building cannot be known, and silence would lose it
             Err(error) => {
                 let line = self.count.line();
@@ -164,8 +172,12 @@ impl<'de> Visitor<'de> for Objects<'_, '_> {
             self.0.allow();
             let text: Box<RawValue> = map.next_value()?;
             self.0.object(&name, &text);
-            if self.0.objects.len() > self.0.limits.file_objects {
-                return Err(self.0.too_many("buildings and parts", self.0.limits.file_objects));
+            let limit = self.0.limits.file_objects;
+            if self.0.objects.len() > limit {
+                return Err(self.0.too_many("buildings and parts", limit));
+            }
+            if self.0.children > limit {
+                return Err(self.0.too_many("children of buildings", limit));
             }
             self.0.allow();
         }

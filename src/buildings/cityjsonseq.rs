@@ -1,4 +1,5 @@
-//! CityJSON text sequences: a line of metadata, then a line for each feature.
+//! CityJSON text sequences: a line of metadata, then a line for each feature. Several may follow each other in one file,
+//! as `cat` makes of them: a further line of metadata holds for what comes after it.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -12,16 +13,16 @@ use serde_json::value::RawValue;
 use super::feature::{self, Frame, Metadata, Object, Transform, Written};
 use super::model::{Item, Limits, ModelError, Refused};
 
-/// The first line of a sequence: what holds for all its features.
-#[derive(Debug, Default)]
-pub struct Header {
+/// The line of metadata: what holds for all features after it.
+#[derive(Debug)]
+struct Header {
     frame: Frame,
     /// Whether the line has buildings itself.
     has_objects: bool,
 }
 
 #[derive(Deserialize)]
-struct FirstLine<'a> {
+struct MetadataLine<'a> {
     #[serde(borrow)]
     r#type: Cow<'a, str>,
     version: Option<serde_json::Value>,
@@ -32,21 +33,32 @@ struct FirstLine<'a> {
 }
 
 impl Header {
-    /// Reads the first line.
-    ///
-    /// # Errors
-    /// [`ModelError`] if it is something else.
-    pub fn parse(line: &[u8]) -> Result<Self, ModelError> {
-        let line = std::str::from_utf8(line).map_err(|_| ModelError::NotUtf8 { line: 1 })?;
-        let first: FirstLine<'_> = serde_json::from_str(line)
-            .map_err(|error| ModelError::Json { detail: format!("the first line: {error}") })?;
-        check_type(&first.r#type, first.version.as_ref())?;
-        let system = first.metadata.as_ref().and_then(Metadata::system);
-        let transform = first.transform.unwrap_or_default();
+    /// Reads the line of this number.
+    fn parse(line: &[u8], number: u64) -> Result<Self, ModelError> {
+        let line = std::str::from_utf8(line).map_err(|_| ModelError::NotUtf8 { line: number })?;
+        let read: MetadataLine<'_> = serde_json::from_str(line)
+            .map_err(|error| ModelError::of_json(&format!("the metadata in line {number} of the file: "), &error))?;
+        check_type(&read.r#type, read.version.as_ref())?;
+        let system = read.metadata.as_ref().and_then(Metadata::system);
+        let transform = read.transform.unwrap_or_default();
         let is_empty = |text: &str| text.bytes().all(|byte| byte.is_ascii_whitespace() || b"{}".contains(&byte));
-        let has_objects = first.objects.is_some_and(|objects| !is_empty(objects.get()));
+        let has_objects = read.objects.is_some_and(|objects| !is_empty(objects.get()));
         Ok(Self { frame: Frame { system, transform }, has_objects })
     }
+}
+
+/// Whether a line says that it is one of metadata.
+fn is_metadata(line: &[u8]) -> bool {
+    #[derive(Deserialize)]
+    struct OnlyType<'a> {
+        #[serde(borrow)]
+        r#type: Cow<'a, str>,
+    }
+    // hardly any other line has the word, and none is read twice for it
+    std::str::from_utf8(line).is_ok_and(|line| {
+        line.contains("\"CityJSON\"")
+            && serde_json::from_str::<OnlyType<'_>>(line).is_ok_and(|line| line.r#type == "CityJSON")
+    })
 }
 
 /// Whether a file says that it is CityJSON of a version that is read.
@@ -114,11 +126,8 @@ struct OnlyName {
 
 /// The buildings of one line, and what is wrong with it; `index` is the number of its first item. A line that has none
 /// of either gives nothing.
-///
-/// It knows no other line, so that lines can be read on many cores at once; who does so numbers the items anew.
-#[must_use]
-pub fn read_line(header: &Header, line: &[u8], index: usize, limits: &Limits) -> Vec<Item> {
-    let refused = |detail: String, name: Option<String>| vec![Item::Refused(Refused { index, name, detail })];
+fn read_line(header: &Header, line: &[u8], index: usize, limits: &Limits) -> Vec<Item> {
+    let refused = |detail: String, name: Option<String>| vec![Item::Refused(Refused::new(index, name, detail))];
     let Ok(line) = std::str::from_utf8(line) else {
         return refused("the line is not UTF-8".to_owned(), None);
     };
@@ -197,7 +206,7 @@ pub(super) fn read(
     each: &mut dyn FnMut(Item) -> ControlFlow<()>,
 ) -> Result<(), ModelError> {
     let mut line = Vec::new();
-    let mut header = None;
+    let mut header: Option<Header> = None;
     let mut index = 0;
     for number in 1_u64.. {
         let content = match next_line(input, limits.building_bytes, &mut line)? {
@@ -212,17 +221,16 @@ pub(super) fn read(
         if content.is_some_and(|content| content.trim_ascii().is_empty()) {
             continue;
         }
-        let items = match (&header, content) {
-            (Some(header), Some(content)) => read_line(header, content, index, limits),
-            (Some(_), None) => vec![Item::Refused(Refused {
-                index,
-                name: None,
-                detail: format!("the line is longer than {} bytes", limits.building_bytes),
-            })],
-            (None, content) => {
+        let items = match (&mut header, content) {
+            (Some(header), Some(content)) if !is_metadata(content) => read_line(header, content, index, limits),
+            (Some(_), None) => {
+                let detail = format!("the line is longer than {} bytes", limits.building_bytes);
+                vec![Item::Refused(Refused::new(index, None, detail))]
+            }
+            (header, content) => {
                 let content = content.unwrap_or_default();
-                let first = header.insert(Header::parse(content)?);
-                if first.has_objects { read_line(first, content, index, limits) } else { Vec::new() }
+                let header = header.insert(Header::parse(content, number)?);
+                if header.has_objects { read_line(header, content, index, limits) } else { Vec::new() }
             }
         };
         for item in items {
@@ -243,7 +251,7 @@ fn without_mark(line: &[u8], number: u64) -> &[u8] {
 fn with_line(item: Item, number: u64) -> Item {
     match item {
         Item::Refused(refused) => {
-            Item::Refused(Refused { detail: format!("line {number}: {}", refused.detail), ..refused })
+            Item::Refused(Refused::new(refused.index, refused.name, format!("line {number}: {}", refused.detail)))
         }
         building => building,
     }

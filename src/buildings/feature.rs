@@ -2,6 +2,7 @@
 
 mod boundaries;
 mod family;
+mod relatives;
 
 use std::borrow::Cow;
 use std::fmt;
@@ -9,15 +10,14 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 use serde::de::{Deserializer, Visitor};
+use serde_json::Value;
 use serde_json::value::RawValue;
 
 pub(super) use self::family::items;
-use super::model::Limits;
+use self::relatives::{Children, Parents};
+use super::model::{FARTHEST, LONGEST_NAME, Limits, shortened_detail, shortened_name};
 use super::reference_system::ReferenceSystem;
 use super::roof::Surfaces;
-
-/// Farther from the origin no CRS has a building.
-pub(super) const FARTHEST: f64 = 1e8;
 
 /// From the integers of a file to its CRS.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
@@ -71,8 +71,11 @@ pub(super) enum Role {
 pub(super) struct Object {
     pub(super) name: Box<str>,
     pub(super) role: Role,
-    parents: Vec<Box<str>>,
-    children: Vec<Box<str>>,
+    /// Those after the first would be of no use.
+    parent: Option<Box<str>>,
+    pub(super) children: Vec<Box<str>>,
+    /// Root mean square of what its roof is off the points from which it was made, where that is stated.
+    roof_rmse_m: Option<f64>,
     /// Its roof, or what is wrong with it.
     pub(super) found: Result<Found, String>,
 }
@@ -80,8 +83,9 @@ pub(super) struct Object {
 impl Object {
     /// One that cannot be read.
     pub(super) fn broken(name: &str, detail: String) -> Self {
-        let found = Err(detail);
-        Self { name: name.into(), role: Role::Building, parents: Vec::new(), children: Vec::new(), found }
+        let found = Err(shortened_detail(detail));
+        let name = shortened_name(name.to_owned()).into();
+        Self { name, role: Role::Building, parent: None, children: Vec::new(), roof_rmse_m: None, found }
     }
 
     /// `None` if the object has nothing to do with buildings.
@@ -91,15 +95,13 @@ impl Object {
             "BuildingPart" => Role::Part,
             _ => return None,
         };
-        let boxed = |names: &Option<Vec<String>>| names.iter().flatten().map(|name| name.as_str().into()).collect();
+        if name.chars().nth(LONGEST_NAME).is_some() {
+            return Some(Self::broken(name, format!("its name has more than {LONGEST_NAME} characters")));
+        }
         let found = find(written.geometry.as_deref().unwrap_or_default(), limits);
-        Some(Self {
-            name: name.into(),
-            role,
-            parents: boxed(&written.parents),
-            children: boxed(&written.children),
-            found,
-        })
+        let roof_rmse_m = written.attributes.as_ref().and_then(Attributes::roof_rmse_m);
+        let (parent, children) = (written.parents.0.clone(), written.children.0.clone());
+        Some(Self { name: name.into(), role, parent, children, roof_rmse_m, found })
     }
 }
 
@@ -117,6 +119,7 @@ pub(super) struct Found {
 #[derive(Debug, Default)]
 pub(super) struct IndexedRoof {
     lod: Lod,
+    /// Of all rings, one after the other.
     indices: Vec<u32>,
     /// Where each ring ends in `indices`.
     rings: Vec<u32>,
@@ -211,11 +214,26 @@ pub(super) struct Written<'a> {
     #[serde(borrow)]
     r#type: Cow<'a, str>,
     #[serde(default)]
-    parents: Option<Vec<String>>,
+    parents: Parents,
     #[serde(default)]
-    children: Option<Vec<String>>,
+    children: Children,
+    attributes: Option<Attributes>,
     #[serde(borrow, default)]
     geometry: Option<Vec<Geometry<'a>>>,
+}
+
+/// The attributes that are read.
+#[derive(Deserialize)]
+struct Attributes {
+    /// Of 3DBAG, and of the program that makes it: of the roof of LoD 2.2, in metres.
+    #[serde(alias = "rf_rmse_lod22", default)]
+    b3_rmse_lod22: Value,
+}
+
+impl Attributes {
+    fn roof_rmse_m(&self) -> Option<f64> {
+        self.b3_rmse_lod22.as_f64().filter(|rmse_m| *rmse_m >= 0.0)
+    }
 }
 
 #[derive(Deserialize)]
@@ -261,27 +279,35 @@ fn find(geometries: &[Geometry<'_>], limits: &Limits) -> Result<Found, String> {
             found.below = found.below.max(Some(lod));
             continue;
         }
-        let roof = roof_of(geometry, semantics, limits).map_err(|detail| format!("geometry of LoD {lod}: {detail}"))?;
-        if let Some(roof) = roof {
-            found.roof = Some(IndexedRoof { lod, ..roof });
+        // one geometry may have one half of the roof, and another one the other
+        if found.roof.as_ref().is_some_and(|roof| roof.lod > lod) {
             break;
         }
+        let mut roof = found.roof.take().unwrap_or_default();
+        add_roof(geometry, semantics, limits, &mut roof)
+            .map_err(|detail| format!("geometry of LoD {lod}: {detail}"))?;
+        found.roof = Some(IndexedRoof { lod, ..roof }).filter(|roof| !roof.polygons.is_empty());
     }
     Ok(found)
 }
 
-fn roof_of(geometry: &Geometry<'_>, semantics: &Semantics<'_>, limits: &Limits) -> Result<Option<IndexedRoof>, String> {
+/// Adds what a geometry has of roof.
+fn add_roof(
+    geometry: &Geometry<'_>,
+    semantics: &Semantics<'_>,
+    limits: &Limits,
+    roof: &mut IndexedRoof,
+) -> Result<(), String> {
     let depth = match &*geometry.r#type {
         "MultiSurface" | "CompositeSurface" => 3,
         "Solid" => 4,
         "MultiSolid" | "CompositeSolid" => 5,
-        _ => return Ok(None),
+        _ => return Ok(()),
     };
     let (Some(boundaries), Some(values)) = (geometry.boundaries, semantics.values) else {
-        return Ok(None);
+        return Ok(());
     };
     let is_roof: Vec<bool> = semantics.surfaces.iter().map(|surface| surface.r#type == "RoofSurface").collect();
     let all = boundaries::Boundaries::parse(boundaries.get(), depth, limits)?;
-    let roof = all.roof(values.get(), &is_roof)?;
-    Ok(Some(roof).filter(|roof| !roof.polygons.is_empty()))
+    all.add_roof(values.get(), &is_roof, roof)
 }

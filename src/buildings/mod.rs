@@ -20,8 +20,9 @@ pub mod samples;
 use std::io::BufRead;
 use std::ops::ControlFlow;
 
-pub use cityjsonseq::{Header, read_line};
 pub use model::{Building, EdgeKind, Format, Item, Limits, ModelError, Refused, RoofEdge};
+pub(crate) use model::{FARTHEST, LONGEST_NAME, shortened_detail, shortened_name};
+pub use reference_system::is_geographic;
 
 /// Reads a model and hands over its buildings, each with its roof edges or with what is wrong with it, in the order of
 /// the file. Ends early, and well, where `each` breaks.

@@ -4,6 +4,13 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+/// Farther from the origin no CRS has a building.
+pub(crate) const FARTHEST: f64 = 1e8;
+/// The longest name of a building, in characters; the longest identifiers of states have about 60.
+pub(crate) const LONGEST_NAME: usize = 200;
+/// So much is said of what is wrong, in characters: what a stranger has written may stand in it.
+const LONGEST_DETAIL: usize = 300;
+
 /// The form of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -44,8 +51,7 @@ impl Format {
 }
 
 /// What an edge of a roof is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum EdgeKind {
     /// Horizontal outer edge from which the roof rises.
     Eave,
@@ -78,6 +84,25 @@ impl EdgeKind {
         }
     }
 
+    /// The word for it in files and answers; it never changes either.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Eave => "eave",
+            Self::Ridge => "ridge",
+            Self::Gable => "gable",
+            Self::Hip => "hip",
+            Self::Valley => "valley",
+            Self::Rim => "rim",
+        }
+    }
+
+    /// The kind of a word, if there is one.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
     /// The kind that is stored under a number, if there is one.
     #[must_use]
     pub fn from_code(code: u8) -> Option<Self> {
@@ -107,21 +132,49 @@ pub struct Building {
     /// The CRS of its coordinates: `EPSG:25832`, `EPSG:25832+7837`, or, if it is none that is known here, the text of
     /// the file. `None` if the file says nothing.
     pub crs: Option<Arc<str>>,
-    /// Standard deviation of its coordinates in metres, where the file states it.
-    pub accuracy_m: Option<f64>,
+    /// Root mean square of the distances in metres between its roof and the points that this was made from, where the
+    /// file states it.
+    pub roof_rmse_m: Option<f64>,
     /// The edges of its roof; at least one.
     pub edges: Vec<RoofEdge>,
 }
 
 /// A building that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Refused {
     /// Its place among the items of the file, from 0.
     pub index: usize,
-    /// Its identifier, if it has one.
+    /// Its identifier, if it has one, shortened if long.
     pub name: Option<String>,
-    /// What is wrong, where, and what would be right.
+    /// What is wrong, where, and what would be right; shortened if long.
     pub detail: String,
+}
+
+impl Refused {
+    /// One with a name and a detail of any length: those of a hostile file could fill the memory, refused by thousands.
+    #[must_use]
+    pub fn new(index: usize, name: Option<String>, detail: String) -> Self {
+        Self { index, name: name.map(shortened_name), detail: shortened_detail(detail) }
+    }
+}
+
+/// So much of a name as is shown.
+pub(crate) fn shortened_name(name: String) -> String {
+    shortened(name, LONGEST_NAME)
+}
+
+/// So much of what is wrong as is told.
+pub(crate) fn shortened_detail(detail: String) -> String {
+    shortened(detail, LONGEST_DETAIL)
+}
+
+/// At most so many characters of a text, the last of which says that there were more. It takes no more memory than that.
+fn shortened(text: String, longest: usize) -> String {
+    match text.char_indices().nth(longest) {
+        Some(_) => text.chars().take(longest - 1).chain(['…']).collect(),
+        None => text,
+    }
 }
 
 /// What a file holds.
@@ -147,7 +200,8 @@ pub struct Limits {
     pub building_polygons: usize,
     /// Vertices of a CityJSON file, which are held in memory at 24 bytes each until its end.
     pub file_vertices: usize,
-    /// Objects of a CityJSON file, of which a name and the roof are held in memory until its end.
+    /// Objects of a CityJSON file, of which the names and the roof are held in memory until its end; and children that
+    /// they list.
     pub file_objects: usize,
 }
 
@@ -161,6 +215,17 @@ impl Default for Limits {
             // 1 GB in memory: a file of about 1 GB
             file_vertices: 40_000_000,
             file_objects: 5_000_000,
+        }
+    }
+}
+
+impl ModelError {
+    /// Of an error in JSON that is at `place`: not JSON at all, or JSON but something else.
+    pub(super) fn of_json(place: &str, error: &serde_json::Error) -> Self {
+        let detail = shortened_detail(format!("{place}{error}"));
+        match error.is_data() {
+            true => Self::OtherContent { detail: format!("this is not CityJSON: {detail}") },
+            false => Self::Json { detail },
         }
     }
 }
@@ -180,8 +245,8 @@ pub enum ModelError {
         /// What is wrong.
         detail: String,
     },
-    /// Not JSON, or other JSON than CityJSON.
-    #[error("this is not CityJSON: {detail}")]
+    /// Not JSON.
+    #[error("this is not JSON: {detail}")]
     Json {
         /// What is wrong, with line and column.
         detail: String,

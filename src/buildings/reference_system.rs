@@ -2,10 +2,12 @@
 
 use std::sync::Arc;
 
+use super::model::shortened_name;
+
 /// Geographic systems of the EPSG register in which models are published; those whose heights are in the same code too.
 const GEOGRAPHIC: &[u32] = &[
     4156, 4171, 4230, 4258, 4267, 4269, 4275, 4277, 4283, 4289, 4301, 4312, 4314, 4326, 4612, 4619, 4937, 4939, 4947,
-    4955, 4957, 4965, 4979, 5498, 6318, 6319, 6667, 6668, 6695, 6697, 7409, 7423, 7843, 7844, 9518, 9707, 9924,
+    4955, 4957, 4965, 4979, 5498, 6318, 6319, 6667, 6668, 6697, 7409, 7423, 7843, 7844, 9286, 9518, 9707, 9924,
 ];
 
 /// The names of the surveying authorities of the German states (AdV), and the EPSG codes of the same systems.
@@ -27,7 +29,11 @@ const OF_ADV: &[(&str, u32)] = &[
     ("PL-EVRF2007-NH", 9651),
 ];
 
-const LONGEST_NAME: usize = 200;
+/// Whether coordinates in a CRS that a file names are taken as degrees; in one that is not known here as metres.
+#[must_use]
+pub fn is_geographic(name: &str) -> bool {
+    ReferenceSystem::parse(name).is_some_and(|system| system.geographic)
+}
 
 /// A CRS as a file names it.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,7 +73,7 @@ impl ReferenceSystem {
     }
 
     fn unknown(name: &str) -> Self {
-        let text: String = name.chars().take(LONGEST_NAME).collect();
+        let text = shortened_name(name.to_owned());
         Self { text: text.into(), geographic: false, latitude_first: false, eastings: None }
     }
 

@@ -75,14 +75,16 @@ fn reading_ends_where_it_is_told_to() {
 }
 
 #[test]
-fn codes_of_kinds_never_move() {
+fn codes_and_words_of_kinds_never_move() {
     let codes: Vec<u8> = EdgeKind::ALL.iter().map(|kind| kind.code()).collect();
     assert_eq!(codes, [1, 2, 3, 4, 5, 6]);
     for kind in EdgeKind::ALL {
         assert_eq!(EdgeKind::from_code(kind.code()), Some(kind));
     }
     assert_eq!(EdgeKind::from_code(0), None);
-    assert_eq!(serde_json::to_string(&EdgeKind::ALL).unwrap(), r#"["eave","ridge","gable","hip","valley","rim"]"#);
+    assert_eq!(EdgeKind::ALL.map(EdgeKind::name), ["eave", "ridge", "gable", "hip", "valley", "rim"]);
+    assert_eq!(EdgeKind::ALL.map(|kind| EdgeKind::from_name(kind.name())), EdgeKind::ALL.map(Some));
+    assert_eq!(EdgeKind::from_name("Eave"), None);
 }
 
 #[test]

@@ -91,10 +91,14 @@ pub(crate) struct Import {
     /// Last day on which they do.
     #[arg(long, value_name = "YYYY-MM-DD", requires = "file")]
     valid_to: Option<NaiveDate>,
+    /// Standard deviation of the coordinates in metres, where the file does not say. [default: 0.15 of building models]
+    #[arg(long, value_name = "METRES", requires = "file", allow_negative_numbers = true)]
+    sigma_m: Option<f64>,
     /// Begin anew even if an import of this file was interrupted.
     #[arg(long, requires = "file")]
     anew: bool,
-    /// Write all that was refused to this file (CSV: index, name, detail). After an interruption it goes on in it.
+    /// Write all that was refused to this file (CSV: index, name, detail) in place of what it has. An import that goes on
+    /// after an interruption goes on in it.
     #[arg(long, value_name = "FILE", requires = "file")]
     refused: Option<PathBuf>,
     /// JSON file with a list of control scenes, instead.
@@ -186,16 +190,17 @@ impl Import {
             survey_year: self.year,
             description: self.description.clone(),
         };
-        set.check().map_err(|detail| anyhow::anyhow!("--set, --year: {detail}"))?;
-        let defaults =
-            Defaults { purpose: self.purpose, validity: Validity { from: self.valid_from, to: self.valid_to } };
+        set.check().map_err(|detail| anyhow::anyhow!("--set, --year, --description: {detail}"))?;
+        let validity = Validity { from: self.valid_from, to: self.valid_to };
+        let defaults = Defaults { sigma_m: self.sigma_m, purpose: self.purpose, validity };
+        defaults.check().map_err(|detail| anyhow::anyhow!("--sigma-m: {detail}"))?;
         let reading = self.reading.reading(file, defaults)?;
         let identity = FileIdentity::of(file).with_context(name)?;
         let plan = Plan { set, mode: self.mode, file: Some(identity), anew: self.anew };
         let mut refusals = self.refused.as_deref().map(Refusals::open).transpose()?;
         let store = Store::connect(&configuration.place()).await?;
-        let imported = import_file(store.database(), file, &plan, reading, |rejected| match &mut refusals {
-            Some(refusals) => refusals.write(rejected),
+        let imported = import_file(store.database(), file, &plan, reading, |step| match &mut refusals {
+            Some(refusals) => refusals.write(step),
             None => Ok(()),
         })
         .await;
@@ -226,34 +231,31 @@ impl ReadingFlags {
     }
 }
 
-/// So many bytes say what a file is.
-const FIRST_BYTES: u64 = 4_096;
-
 fn recognised(file: &Path) -> anyhow::Result<FileFormat> {
     let name = file.display().to_string();
     let mut first = Vec::new();
     let opened = File::open(file).with_context(|| format!("cannot read {name}"))?;
-    opened.take(FIRST_BYTES).read_to_end(&mut first).with_context(|| format!("cannot read {name}"))?;
+    opened.take(FileFormat::FIRST_BYTES).read_to_end(&mut first).with_context(|| format!("cannot read {name}"))?;
     let by_name = file.file_name().and_then(|name| name.to_str());
     FileFormat::recognise(&first, by_name)
         .with_context(|| format!("{name} is no file of control points that is known; --format may say what it is"))
 }
 
-/// Imports a file, with a bar that tells how far it is, how fast it goes and how long it takes still. `refused` is told
-/// what was rejected, batch by batch.
+/// Imports a file, with a bar that tells how far it is, how fast it goes and how long it takes still. `told` is told of
+/// each step.
 async fn import_file(
     database: &Database,
     file: &Path,
     plan: &Plan,
     reading: Reading,
-    mut refused: impl FnMut(&[Rejection]) -> anyhow::Result<()>,
+    mut told: impl FnMut(&Step<'_>) -> anyhow::Result<()>,
 ) -> anyhow::Result<ImportReport> {
     let name = file.display().to_string();
     let opened = File::open(file).with_context(|| format!("cannot read {name}"))?;
     let size_bytes = opened.metadata()?.len();
     let bar = bar(size_bytes, "{msg} {wide_bar} {binary_bytes}/{binary_total_bytes} {eta}");
     let (done, mut trouble) = (Arc::new(AtomicU64::new(0)), None);
-    let (counted, told, path) = (Counted { inner: opened, done: done.clone() }, done.clone(), file.to_owned());
+    let (counted, share, path) = (Counted { inner: opened, done: done.clone() }, done.clone(), file.to_owned());
     let (began, mut first, heights_assumed) = (Instant::now(), None, reading.heights_assumed.clone());
     let read = points::import(
         database,
@@ -261,7 +263,7 @@ async fn import_file(
         reading,
         move |reading, each| match reading.format {
             FileFormat::GeoPackage => {
-                let mut tell = |share| told.store((share * size_bytes as f64) as u64, Ordering::Relaxed);
+                let mut tell = |read| share.store((read * size_bytes as f64) as u64, Ordering::Relaxed);
                 reading.read_geopackage(&path, &mut tell, each)
             }
             _ => reading.read(&mut BufReader::with_capacity(1 << 20, counted), each),
@@ -272,7 +274,7 @@ async fn import_file(
             let refused_count = step.report.rejected_count;
             bar.set_message(format!("{} buildings, {a_second:.0}/s, {refused_count} refused", step.items_done));
             bar.set_position(done.load(Ordering::Relaxed));
-            if let Err(error) = refused(step.rejected) {
+            if let Err(error) = told(&step) {
                 trouble.get_or_insert(error);
             }
         },
@@ -315,25 +317,40 @@ impl Read for Counted {
 }
 
 /// A table of what was refused.
-struct Refusals(csv::Writer<File>);
+struct Refusals {
+    writer: csv::Writer<File>,
+    /// Whether it is known what becomes of what the file had before.
+    begun: bool,
+}
 
 impl Refusals {
     fn open(path: &Path) -> anyhow::Result<Self> {
-        let name = || format!("--refused {}", path.display());
-        let file = File::options().create(true).append(true).open(path).with_context(name)?;
-        let empty = file.metadata().with_context(name)?.len() == 0;
-        let mut writer = csv::Writer::from_writer(file);
-        if empty {
-            writer.write_record(["index", "name", "detail"]).with_context(name)?;
-        }
-        Ok(Self(writer))
+        let file = File::options().create(true).append(true).open(path);
+        let file = file.with_context(|| format!("--refused {}", path.display()))?;
+        Ok(Self { writer: csv::Writer::from_writer(file), begun: false })
     }
 
-    fn write(&mut self, rejected: &[Rejection]) -> anyhow::Result<()> {
-        for Rejection { index, name, detail } in rejected {
-            self.0.write_record([&index.to_string(), name.as_deref().unwrap_or_default(), detail])?;
+    /// Leaves what an import that goes on has written before; what another one has written goes.
+    fn begin(&mut self, resumed: bool) -> anyhow::Result<()> {
+        let file = self.writer.get_ref();
+        if !resumed {
+            file.set_len(0)?;
         }
-        Ok(self.0.flush()?)
+        if file.metadata()?.len() == 0 {
+            self.writer.write_record(["index", "name", "detail"])?;
+        }
+        self.begun = true;
+        Ok(())
+    }
+
+    fn write(&mut self, step: &Step<'_>) -> anyhow::Result<()> {
+        if !self.begun {
+            self.begin(step.report.resumed_at.is_some())?;
+        }
+        for Rejection { index, name, detail } in step.rejected {
+            self.writer.write_record([&index.to_string(), name.as_deref().unwrap_or_default(), detail])?;
+        }
+        Ok(self.writer.flush()?)
     }
 }
 
@@ -342,4 +359,27 @@ fn bar(length: u64, template: &str) -> ProgressBar {
     let bar = ProgressBar::new(length).with_message("importing");
     bar.enable_steady_tick(Duration::from_millis(200));
     style.map_or(bar.clone(), |style| bar.with_style(style))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_of_refusals_begins_anew_unless_the_import_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("refused.csv");
+        let import = |resumed_at, details: &[&str]| {
+            let report = ImportReport { resumed_at, ..ImportReport::default() };
+            let mut refusals = Refusals::open(&path).unwrap();
+            for (index, detail) in details.iter().enumerate() {
+                let rejected = [Rejection::new(index, None, (*detail).to_owned())];
+                refusals.write(&Step { items_done: index + 1, report: &report, rejected: &rejected }).unwrap();
+            }
+            std::fs::read_to_string(&path).unwrap()
+        };
+        assert_eq!(import(None, &["a", "b"]), "index,name,detail\n0,,a\n1,,b\n");
+        assert_eq!(import(Some(2), &["c"]), "index,name,detail\n0,,a\n1,,b\n0,,c\n");
+        assert_eq!(import(None, &["d"]), "index,name,detail\n0,,d\n");
+    }
 }

@@ -7,8 +7,9 @@
 
 use crate::buildings::EdgeKind;
 
-/// What a building model's coordinates are good to if it does not say: roofs from laser scanning with some points a
-/// square metre, fitted to the outlines of the cadastre.
+/// What a building model's coordinates are good to if nobody says: roofs from laser scanning with some points a square
+/// metre, fitted to the outlines of the cadastre. Where the model says how far a roof is off the points that it was made
+/// from, as 3DBAG does, that comes on top.
 pub const MODEL_SIGMA_M: f64 = 0.15;
 /// Of an eave or verge: the root mean square of 0.3 to 0.8 m.
 const OVERHANG_M: f64 = 0.57;

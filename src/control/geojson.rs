@@ -18,7 +18,8 @@ pub use feature::{ControlPointFeature, ControlPointProperties, MultiLineString, 
 
 use super::accuracy::edge_sigma_m;
 use super::model::{StoredControlPoint, StoredEdge, Use, Validity};
-use crate::buildings::EdgeKind;
+use super::reading::EDGE_BYTES;
+use crate::buildings::{EdgeKind, LONGEST_NAME, shortened_detail, shortened_name};
 use crate::geometry::{Crs, Segment3};
 
 /// More edges than any building needs; a file with more is no file of control points.
@@ -29,7 +30,6 @@ pub(super) const LARGEST_EXTENT_M: f64 = 2_000.0;
 pub(super) const SHORTEST_EDGE_M: f64 = 0.001;
 /// Coordinates worse than this cannot orient anything.
 pub(super) const LARGEST_SIGMA_M: f64 = 100.0;
-const LONGEST_NAME: usize = 200;
 
 /// Where the coordinates of a collection are.
 #[derive(Debug)]
@@ -50,6 +50,14 @@ pub struct Rejection {
     pub name: Option<String>,
     /// What is wrong with it and what would be right.
     pub detail: String,
+}
+
+impl Rejection {
+    /// One with a name and a detail of any length, which are cut: a stranger has written them.
+    #[must_use]
+    pub fn new(index: usize, name: Option<String>, detail: String) -> Self {
+        Self { index, name: name.map(shortened_name), detail: shortened_detail(detail) }
+    }
 }
 
 /// A body that is not a collection of features at all.
@@ -101,13 +109,31 @@ struct Properties {
     edge_sigma_m: Option<Vec<f64>>,
 }
 
-/// What a control point is there for, and when it stands like this, where its own properties do not say.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// What is known of a control point where its own properties do not say it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Defaults {
+    /// Standard deviation of its coordinates. If nobody says, a building model is good to
+    /// [`MODEL_SIGMA_M`](super::accuracy::MODEL_SIGMA_M), and lines are refused.
+    pub sigma_m: Option<f64>,
     /// What it is there for.
     pub purpose: Use,
     /// When it stands like this.
     pub validity: Validity,
+}
+
+impl Defaults {
+    /// What is wrong with the standard deviation, and what would be right.
+    ///
+    /// # Errors
+    /// A sentence for people.
+    pub fn check(&self) -> Result<(), String> {
+        match self.sigma_m {
+            Some(sigma_m) if !(sigma_m > 0.0 && sigma_m <= LARGEST_SIGMA_M) => {
+                Err(format!("sigma_m is {sigma_m}; it must be above 0 and at most {LARGEST_SIGMA_M} m"))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Reads a `FeatureCollection` as a whole.
@@ -125,7 +151,7 @@ pub fn parse(body: &[u8], source: &Source<'_>) -> Result<Parsed, CollectionError
         });
         match point {
             Ok(point) => parsed.control_points.push((index, point)),
-            Err(detail) => parsed.rejected.push(Rejection { index, name, detail }),
+            Err(detail) => parsed.rejected.push(Rejection::new(index, name, detail)),
         }
         ControlFlow::Continue(())
     })?;
@@ -136,6 +162,16 @@ pub fn parse(body: &[u8], source: &Source<'_>) -> Result<Parsed, CollectionError
 #[must_use]
 pub fn name_of(feature: &Value) -> Option<String> {
     feature.pointer("/properties/name").and_then(Value::as_str).map(str::to_owned)
+}
+
+/// How many edges take as much memory as a feature that was read: about as many as it has numbers, texts and lists.
+pub(super) fn weight(value: &Value) -> usize {
+    1 + match value {
+        Value::Array(values) => values.iter().map(weight).sum(),
+        Value::Object(members) => members.iter().map(|(key, value)| key.len() / EDGE_BYTES + weight(value)).sum(),
+        Value::String(text) => text.len() / EDGE_BYTES,
+        Value::Null | Value::Bool(_) | Value::Number(_) => 0,
+    }
 }
 
 /// Reads a `FeatureCollection` and gives `each` its features with their places, until that breaks off: however large it
@@ -150,7 +186,9 @@ pub fn read(input: impl Read, each: &mut dyn FnMut(usize, Value) -> ControlFlow<
     match read {
         Err(_) if reader.ended => Ok(()),
         Ok(()) => Ok(()),
-        Err(error) if error.is_data() => Err(CollectionError::NotACollection { detail: error.to_string() }),
+        Err(error) if error.is_data() => {
+            Err(CollectionError::NotACollection { detail: shortened_detail(error.to_string()) })
+        }
         Err(error) => Err(CollectionError::Syntax(error)),
     }
 }
@@ -236,7 +274,7 @@ pub fn control_point(feature: Value, source: &Source<'_>, defaults: Defaults) ->
     let feature: Feature = serde_json::from_value(feature).map_err(|e| format!("not a feature: {e}"))?;
     let properties = feature.properties.ok_or("properties are missing; name and sigma_m are needed")?;
     let name = checked_name(properties.name)?;
-    let stated_m = checked_sigma(properties.sigma_m)?;
+    let stated_m = checked_sigma(properties.sigma_m.or(defaults.sigma_m))?;
     let segments_m = edges(feature.geometry, source)?;
     let kinds = edge_kinds(properties.edge_kinds, segments_m.len())?;
     let sigmas_m = edge_sigmas_m(properties.edge_sigma_m, &kinds, stated_m)?;
@@ -283,26 +321,6 @@ pub(super) fn checked(point: StoredControlPoint) -> Result<StoredControlPoint, S
     }
 }
 
-/// The word for a kind of edge in GeoJSON.
-#[must_use]
-pub fn kind_name(kind: EdgeKind) -> &'static str {
-    match kind {
-        EdgeKind::Eave => "eave",
-        EdgeKind::Ridge => "ridge",
-        EdgeKind::Gable => "gable",
-        EdgeKind::Hip => "hip",
-        EdgeKind::Valley => "valley",
-        EdgeKind::Rim => "rim",
-    }
-}
-
-/// The kind of edge of a word, see [`kind_name`].
-#[must_use]
-pub fn kind_of(name: &str) -> Option<EdgeKind> {
-    use EdgeKind::{Eave, Gable, Hip, Ridge, Rim, Valley};
-    [Eave, Ridge, Gable, Hip, Valley, Rim].into_iter().find(|kind| kind_name(*kind) == name)
-}
-
 fn edge_kinds(given: Option<Vec<Option<String>>>, edges: usize) -> Result<Vec<Option<EdgeKind>>, String> {
     let Some(names) = given else { return Ok(vec![None; edges]) };
     if names.len() != edges {
@@ -310,7 +328,7 @@ fn edge_kinds(given: Option<Vec<Option<String>>>, edges: usize) -> Result<Vec<Op
     }
     let kind = |name: &Option<String>| match name {
         None => Ok(None),
-        Some(name) => kind_of(name).map(Some).ok_or_else(|| {
+        Some(name) => EdgeKind::from_name(name).map(Some).ok_or_else(|| {
             format!("properties.edge_kinds has {name:?}; it may have eave, ridge, gable, hip, valley, rim and null")
         }),
     };

@@ -3,8 +3,9 @@
 //! A GeoPackage is an SQLite file, and comes from strangers: it is opened for reading only, nothing in it is run (no
 //! view, trigger, generated column or extension), and a row at a time is in memory.
 //!
-//! A row is a control point, or several with the same `cp_id` or `building_id` are one; of surfaces those with the same
-//! `gml_id` too. Lines of more than two positions are as many edges; the edges of surfaces are found as in a building
+//! A row is a control point, or several of one table with the same `cp_id` or `building_id` are one; of surfaces those with
+//! the same `gml_id` too. What another table has under the same name is refused, as whatever a file has twice is: tables
+//! are not merged. Lines of more than two positions are as many edges; the edges of surfaces are found as in a building
 //! model.
 
 mod blob;
@@ -126,7 +127,7 @@ pub(super) fn read(
         each(index - 1, Raw::Rows(Box::new(record)))
     };
     for layer in layers.into_iter().map(Arc::new) {
-        let mut rows = sqlx::query(AssertSqlSafe(layer.sql.clone())).fetch(&mut connection);
+        let mut rows = sqlx::query(AssertSqlSafe(layer.sql.clone())).bind(&layer.table).fetch(&mut connection);
         let mut building: Option<Record> = None;
         // row by row, since `each` may wait for others, which it must not where a future runs
         while let Some(found) = runtime.block_on(rows.try_next()).map_err(GeoPackageError::from)? {

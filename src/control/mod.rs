@@ -3,6 +3,7 @@
 pub mod accuracy;
 mod choice;
 mod encoding;
+mod format;
 pub mod geojson;
 mod geopackage;
 mod hilbert;
@@ -23,11 +24,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use choice::chosen_of_many;
+pub use format::FileFormat;
 pub use geojson::{CollectionError, Rejection, Source};
 pub use geopackage::{GeoPackageError, Record};
 pub use model::{StoredControlPoint, Use, Validity};
 pub use near::{Kinds, Near, Wanted, around};
-pub use reading::{FileFormat, ReadError, Reading};
+pub use reading::{ReadError, Reading};
 pub use region::GeodeticBox;
 pub use report::ImportReport;
 pub use scenes::{SceneContent, StoredScene};

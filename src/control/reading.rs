@@ -1,6 +1,9 @@
 //! Control points out of files, whatever their format: what is read one after the other, and what may be done at once
 //! by all cores.
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::HashMap;
 use std::io::BufRead;
 use std::ops::ControlFlow;
@@ -10,47 +13,20 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::Vector3;
 use serde_json::Value;
 
+use super::FileFormat;
 use super::accuracy::{MODEL_SIGMA_M, edge_sigma_m};
 use super::geojson::{self, CollectionError, Defaults, Rejection, Source};
 use super::geopackage::{self, GeoPackageError, Record};
 use super::model::{StoredControlPoint, StoredEdge};
-use crate::buildings::{self, Building, Item, Limits, ModelError, RoofEdge};
+use crate::buildings::{self, Building, Format, Item, Limits, ModelError, RoofEdge};
 use crate::geometry::{Crs, CrsError, Segment3};
 
-/// Formats of files of control points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FileFormat {
-    /// A GeoJSON `FeatureCollection` of `MultiLineString`s.
-    GeoJson,
-    /// A building model.
-    Model(buildings::Format),
-    /// A GeoPackage with tables of lines or of the surfaces of roofs.
-    GeoPackage,
-}
-
-/// One of these stands at the beginning of every CityJSON, in whatever order its members are.
-const CITY_WORDS: [&str; 3] = ["\"CityJSON\"", "\"CityJSONFeature\"", "\"CityObjects\""];
-
-impl FileFormat {
-    /// The format by the first bytes of a file and, where these leave it open, by its name.
-    #[must_use]
-    pub fn recognise(first: &[u8], name: Option<&str>) -> Option<Self> {
-        if first.starts_with(geopackage::MAGIC) {
-            return Some(Self::GeoPackage);
-        }
-        let says = |word: &str| first.windows(word.len()).any(|bytes| bytes == word.as_bytes());
-        let named = name.is_some_and(|name| name.to_ascii_lowercase().contains(".city.json"));
-        match buildings::Format::recognise(first, name) {
-            // every JSON is one of these to whom knows no other; a collection of features may say what it is at its end
-            Some(format) if format == buildings::Format::CityGml || named => return Some(Self::Model(format)),
-            Some(format) if CITY_WORDS.iter().any(|word| says(word)) => return Some(Self::Model(format)),
-            _ => {}
-        }
-        // a byte order mark is no white space
-        let begins = first.iter().find(|byte| !byte.is_ascii_whitespace());
-        (begins == Some(&b'{')).then_some(Self::GeoJson)
-    }
-}
+/// What an edge takes in memory: two positions, about.
+pub(super) const EDGE_BYTES: usize = 48;
+/// So many buildings without one whose CRS is understood, and it is the file that is wrong.
+const MOST_UNPLACED: usize = 100;
+/// Names of CRSs that are remembered; a hostile file has as many as it has buildings.
+const MOST_KNOWN: usize = 1_000;
 
 /// How a file is read.
 #[derive(Debug, Clone)]
@@ -96,6 +72,18 @@ pub enum ReadError {
         /// As given.
         given: String,
     },
+    /// Heights in its CRS cannot be computed.
+    #[error(transparent)]
+    Heights(CrsError),
+    /// Its coordinates were taken for metres and are degrees, or the other way round.
+    #[error(
+        "the coordinates are in {given}, which the file does not say, so that what is in degrees was measured in metres; \
+         name the CRS in the file (srsName or referenceSystem)"
+    )]
+    Unmeasured {
+        /// As given.
+        given: String,
+    },
     /// Nobody names a CRS.
     #[error("nothing says in which CRS the coordinates are; give crs")]
     NoCrs,
@@ -112,6 +100,19 @@ pub enum Raw {
     Rows(Box<Record>),
     /// What is none: its name, if it has one, and what is wrong with it.
     Refused(Option<String>, String),
+}
+
+impl Raw {
+    /// How many edges take as much memory, about.
+    #[must_use]
+    pub fn weight(&self) -> usize {
+        match self {
+            Self::Feature(feature) => geojson::weight(feature),
+            Self::Building(building, _) => building.edges.len() + building.name.len() / EDGE_BYTES,
+            Self::Rows(record) => record.weight(),
+            Self::Refused(name, detail) => (name.as_ref().map_or(0, String::len) + detail.len()) / EDGE_BYTES,
+        }
+    }
 }
 
 impl Reading {
@@ -140,27 +141,44 @@ impl Reading {
     ) -> Result<(), ReadError> {
         match self.format {
             FileFormat::GeoJson => {
-                self.note_heights(self.crs.as_ref().ok_or(ReadError::NoCrs)?);
+                let crs = agreed(self, None)?;
+                self.note_heights(&crs);
                 Ok(geojson::read(input, &mut |index, feature| each(index, Raw::Feature(feature)))?)
             }
-            FileFormat::Model(format) => {
-                let (mut known, mut failed) = (KnownCrs::default(), None);
-                let mut give = |item| match item {
-                    Item::Refused(refused) => each(refused.index, Raw::Refused(refused.name, refused.detail)),
-                    Item::Building(building) => match known.of(self, building.crs.as_ref()) {
-                        Ok(crs) => each(building.index, Raw::Building(building, crs)),
-                        Err(error) => {
-                            failed = Some(error);
-                            ControlFlow::Break(())
-                        }
-                    },
-                };
-                let read = buildings::read(format, input, &Limits::default(), &mut give);
-                failed.map_or(Ok(()), Err)?;
-                Ok(read?)
-            }
+            FileFormat::Model(format) => self.read_model(format, input, each),
             FileFormat::GeoPackage => Err(GeoPackageError::Streamed.into()),
         }
+    }
+
+    /// A building whose CRS cannot be understood is refused by itself; where none has another one, the file is.
+    fn read_model(
+        &self,
+        format: Format,
+        input: &mut dyn BufRead,
+        each: &mut dyn FnMut(usize, Raw) -> ControlFlow<()>,
+    ) -> Result<(), ReadError> {
+        let (mut known, mut placed, mut unplaced, mut failed) = (KnownCrs::default(), false, 0, None);
+        let mut give = |item| match item {
+            Item::Refused(refused) => each(refused.index, Raw::Refused(refused.name, refused.detail)),
+            Item::Building(building) => match known.of_building(self, &building) {
+                Ok(crs) => {
+                    placed = true;
+                    each(building.index, Raw::Building(building, crs))
+                }
+                Err(error) => {
+                    unplaced += 1;
+                    let detail = error.to_string();
+                    failed.get_or_insert(error);
+                    match !placed && unplaced == MOST_UNPLACED {
+                        true => ControlFlow::Break(()),
+                        false => each(building.index, Raw::Refused(Some(building.name), detail)),
+                    }
+                }
+            },
+        };
+        let read = buildings::read(format, input, &Limits::default(), &mut give);
+        failed.filter(|_| !placed).map_or(Ok(()), Err)?;
+        Ok(read?)
     }
 
     fn note_heights(&self, crs: &Crs) {
@@ -174,7 +192,7 @@ impl Reading {
     /// # Errors
     /// Why it is none.
     pub fn control_point(&self, index: usize, raw: Raw) -> Result<StoredControlPoint, Rejection> {
-        let refuse = |name, detail| Rejection { index, name, detail };
+        let refuse = |name, detail| Rejection::new(index, name, detail);
         match raw {
             Raw::Refused(name, detail) => Err(refuse(name, detail)),
             Raw::Building(building, crs) => {
@@ -206,35 +224,49 @@ impl KnownCrs {
         }
         let crs = Arc::new(agreed(reading, named.map(|named| &**named))?);
         reading.note_heights(&crs);
-        self.0.insert(named.cloned(), crs.clone());
+        if self.0.len() < MOST_KNOWN {
+            self.0.insert(named.cloned(), crs.clone());
+        }
         Ok(crs)
+    }
+
+    /// That of a building of a model, whose edges were found in degrees or in metres, as the file says.
+    fn of_building(&mut self, reading: &Reading, building: &Building) -> Result<Arc<Crs>, ReadError> {
+        let crs = self.of(reading, building.crs.as_ref())?;
+        let in_degrees = building.crs.as_ref().is_some_and(|named| buildings::is_geographic(named));
+        match in_degrees == crs.is_geographic() {
+            true => Ok(crs),
+            false => Err(ReadError::Unmeasured { given: crs.to_string() }),
+        }
     }
 }
 
 /// The CRS of coordinates, of what the file names and what was given. Either may say more than the other of heights, and
-/// nothing else.
+/// nothing else; but where the name is none that is known here, what was given stands for it.
 fn agreed(reading: &Reading, named: Option<&str>) -> Result<Crs, ReadError> {
     let given = reading.crs.as_ref();
-    let Some(named) = named else { return given.cloned().ok_or(ReadError::NoCrs) };
-    let unknown = |source| ReadError::UnknownCrs { named: named.to_owned(), source };
-    let Some(given) = given else { return Crs::parse(named).map_err(unknown) };
-    let (given_text, named_text) = (given.to_string(), named.trim().to_owned());
-    let parts = |text: &str| -> (String, Option<String>) {
-        match text.strip_prefix("EPSG:").and_then(|codes| codes.split_once('+')) {
-            Some((horizontal, vertical)) => (format!("EPSG:{horizontal}"), Some(vertical.to_owned())),
-            None => (text.to_owned(), None),
+    // an undulation that was given says what the heights are, too
+    let heights_given = given.is_some_and(|given| given.heights().is_some()) || reading.geoid_undulation_m.is_some();
+    let unknown = |named: &str, source| ReadError::UnknownCrs { named: named.to_owned(), source };
+    let crs = match (named.map(|named| (named, Crs::parse(named))), given) {
+        (None, given) => given.cloned().ok_or(ReadError::NoCrs)?,
+        (Some((named, parsed)), None) => parsed.map_err(|source| unknown(named, source))?,
+        (Some((_, Ok(parsed))), Some(given)) => {
+            let one_missing = parsed.heights().is_none() || given.heights().is_none();
+            if !parsed.lies_in_plane_of(given) || !(one_missing || parsed.heights() == given.heights()) {
+                return Err(ReadError::Contradiction { named: parsed.to_string(), given: given.to_string() });
+            }
+            if parsed.heights().is_some() && !heights_given { parsed } else { given.clone() }
         }
+        // that its heights are none that are known does not make them ellipsoidal
+        (Some((named, Err(source @ CrsError::UnknownHeights { .. }))), Some(_)) if !heights_given => {
+            return Err(unknown(named, source));
+        }
+        (Some((_, Err(_))), Some(given)) => given.clone(),
     };
-    let ((horizontal, heights), (named_horizontal, named_heights)) = (parts(&given_text), parts(&named_text));
-    let heights_agree = heights.is_none() || named_heights.is_none() || heights == named_heights;
-    if horizontal != named_horizontal || !heights_agree {
-        return Err(ReadError::Contradiction { named: named_text, given: given_text });
-    }
-    // an undulation that was given says what the heights are
-    match named_heights.is_some() && heights.is_none() && reading.geoid_undulation_m.is_none() {
-        true => Crs::parse(named).map_err(unknown),
-        false => Ok(given.clone()),
-    }
+    // before a state is read in vain
+    crs.check_heights(reading.geoid_undulation_m).map_err(ReadError::Heights)?;
+    Ok(crs)
 }
 
 /// The control point of a building: its roof edges, each as good as its kind allows.
@@ -251,7 +283,8 @@ pub(super) fn of_building(
             geojson::MOST_EDGES
         ));
     }
-    let stated_m = building.accuracy_m.unwrap_or(MODEL_SIGMA_M);
+    let model_m = defaults.sigma_m.unwrap_or(MODEL_SIGMA_M);
+    let stated_m = building.roof_rmse_m.map_or(model_m, |rmse_m| model_m.hypot(rmse_m));
     if !(stated_m > 0.0 && stated_m <= geojson::LARGEST_SIGMA_M) {
         return Err(format!(
             "its accuracy is {stated_m} m; it must be above 0 and at most {} m",

@@ -182,7 +182,7 @@ fn building(index: usize) -> Building {
         index,
         name: format!("DENW{index:08}"),
         crs: Some(Arc::from("EPSG:25832")),
-        accuracy_m: None,
+        roof_rmse_m: None,
         edges: vec![edge(EdgeKind::Ridge, 5.0), edge(EdgeKind::Eave, 0.0)],
     }
 }

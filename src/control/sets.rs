@@ -12,6 +12,8 @@ use crate::database::{Database, Transaction, query};
 pub const DEFAULT_SET: &str = "default";
 /// The longest name of a set.
 pub const LONGEST_NAME: usize = 100;
+/// The longest description of a set.
+const LONGEST_DESCRIPTION: usize = 1_000;
 
 /// A set.
 #[derive(Debug, Clone, PartialEq, FromRow)]
@@ -48,7 +50,7 @@ impl Default for NewSet {
 }
 
 impl NewSet {
-    /// What is wrong with the name or the year, and what would be right.
+    /// What is wrong with the name, the description or the year, and what would be right.
     ///
     /// # Errors
     /// A sentence for people.
@@ -58,6 +60,10 @@ impl NewSet {
             return Err(format!(
                 "the name of a set must have 1 to {LONGEST_NAME} characters, none of them a control character"
             ));
+        }
+        let described = self.description.as_deref().unwrap_or_default().chars().count();
+        if described > LONGEST_DESCRIPTION {
+            return Err(format!("the description has {described} characters; at most {LONGEST_DESCRIPTION} are kept"));
         }
         match self.survey_year {
             Some(year) if !(1800..=2200).contains(&year) => Err(format!("{year} is no year of a survey")),
@@ -163,4 +169,21 @@ pub(super) async fn widened(
     .execute(transaction)
     .await?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_too_long_for_a_set_is_refused() {
+        let of = |name: usize, description: usize| {
+            let set =
+                NewSet { name: "ä".repeat(name), description: Some("ä".repeat(description)), survey_year: None };
+            set.check().err()
+        };
+        assert_eq!(of(100, 1_000), None);
+        assert!(of(101, 0).unwrap().contains("1 to 100"));
+        assert!(of(1, 1_001).unwrap().contains("1001 characters"));
+    }
 }

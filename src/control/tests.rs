@@ -502,19 +502,3 @@ async fn a_million_control_points_are_searched_by_their_index() {
     let index = told.contains("VIRTUAL TABLE INDEX") || told.contains("control_points_by_extent");
     assert!(index && !told.contains("Seq Scan"), "{told}");
 }
-
-#[test]
-fn json_is_a_building_model_only_where_it_says_so() {
-    use crate::buildings::Format;
-    use crate::control::FileFormat;
-    let format = |text: &str, name: &str| FileFormat::recognise(text.as_bytes(), Some(name));
-    // members may stand in any order
-    let features = r#"{"features": [{"type": "Feature"}], "type": "FeatureCollection"}"#;
-    assert_eq!(format(features, "roofs.json"), Some(FileFormat::GeoJson));
-    let city = r#"{"CityObjects": {}, "type": "CityJSON", "version": "2.0"}"#;
-    assert_eq!(format(city, "roofs.json"), Some(FileFormat::Model(Format::CityJson)));
-    let sequence = "{\"type\": \"CityJSON\"}\n{\"type\": \"CityJSONFeature\"}\n";
-    assert_eq!(format(sequence, "tile"), Some(FileFormat::Model(Format::CityJsonSeq)));
-    assert_eq!(format("<?xml version=\"1.0\"?>", "a"), Some(FileFormat::Model(Format::CityGml)));
-    assert_eq!(format("lines", "a"), None);
-}

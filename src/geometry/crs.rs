@@ -229,6 +229,19 @@ impl Crs {
         self.heights.as_ref().map_or(Ok(()), |heights| heights.check(&self.name))
     }
 
+    /// The code of its height system in the EPSG register; `None` if its heights are ellipsoidal, or if it has none.
+    #[must_use]
+    pub fn heights(&self) -> Option<u32> {
+        self.heights.as_ref().map(|heights| heights.system.code)
+    }
+
+    /// Whether its first two coordinates are the same as those of another one, whatever the heights of both: of compounds
+    /// the horizontal systems are compared, under a code of their own or as two with a plus.
+    #[must_use]
+    pub fn lies_in_plane_of(&self, other: &Self) -> bool {
+        catalogue::horizontal_name(&self.name) == catalogue::horizontal_name(&other.name)
+    }
+
     /// Whether its first two coordinates are longitude and latitude in degrees.
     #[must_use]
     pub fn is_geographic(&self) -> bool {

@@ -278,6 +278,6 @@ impl State {
             Some(digit.to_ascii_uppercase())
         });
         let name = format!("DENW{}", letters.take(12).collect::<String>());
-        Building { index, name, crs: None, accuracy_m: None, edges }
+        Building { index, name, crs: None, roof_rmse_m: None, edges }
     }
 }

@@ -89,6 +89,8 @@ async fn bad_requests_are_problems_and_change_nothing() {
         ("crs=EPSG:25833&mode=merge", "?mode"),
         ("crs=EPSG:25833&geoid_undulation_m=1000", "?geoid_undulation_m"),
         ("crs=EPSG:25833&geoid_undulation_m=NaN", "?geoid_undulation_m"),
+        ("crs=EPSG:25833&sigma_m=0", "?sigma_m"),
+        (&*format!("crs=EPSG:25833&description={}", "x".repeat(1_001)), "?set"),
     ] {
         let pointers = send(&service, query, "application/geo+json", good.clone()).await.problem(422);
         assert_eq!(pointers, [pointer], "{query}");
@@ -229,10 +231,16 @@ async fn sets_are_made_by_imports_and_removed_with_their_control_points() {
 #[tokio::test]
 async fn a_body_is_what_its_type_says() {
     let service = Service::new().await;
-    for kind in
-        ["application/city+json", "application/city+json-seq", "application/gml+xml", "application/geopackage+sqlite3"]
-    {
-        send(&service, "", kind, "x").await.problem(422);
+    for (kind, body, status) in [
+        ("application/city+json", "x", 400),
+        ("application/city+json", "[]", 422),
+        ("application/city+json-seq", "x", 400),
+        ("application/city+json-seq", "{\"type\": \"Feature\"}", 422),
+        ("application/gml+xml", "x", 400),
+        ("application/gml+xml", "<kml/>", 422),
+        ("application/geopackage+sqlite3", "x", 422),
+    ] {
+        send(&service, "", kind, body).await.problem(status);
     }
     let bounded = Service::with(|configuration| configuration.model_max_bytes = 10).await;
     send(&bounded, "", "application/city+json", "x".repeat(11)).await.problem(413);

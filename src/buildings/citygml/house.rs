@@ -192,6 +192,9 @@ impl House {
                 }
             }
             Tag::Ring => self.polygons.open_ring(depth),
+            Tag::RingOfCurves => {
+                self.refuse(format!("line {line}: a polygon has a gml:Ring of curves; only gml:LinearRing is read"));
+            }
             Tag::Positions => self.polygons.open_positions(depth),
             Tag::Member => self.refer(attributes.href),
             _ => {}
@@ -251,8 +254,10 @@ impl House {
             named.entries.end = self.entries.len();
             self.named.push(named);
         }
+        // one that is empty must not hide a good one of a lower LoD
         if let Some(Geometry { lod, of_roof, first_entry, .. }) = self.geometry.take_if(|open| open.depth == depth)
             && of_roof
+            && first_entry < self.entries.len()
         {
             let owner = self.owners.last().map_or(0, |(_, owner)| *owner);
             self.roofs.push(Roof { owner, lod, entries: first_entry..self.entries.len() });
@@ -284,7 +289,7 @@ impl House {
         let geographic = system.is_some_and(|system| system.geographic);
         let edges = roof::edges(&surfaces, geographic).map_err(|error| error.to_string())?;
         let crs = system.map(|system| system.text.clone());
-        Ok(Item::Building(Building { index, name, crs, accuracy_m: None, edges }))
+        Ok(Item::Building(Building { index, name, crs, roof_rmse_m: None, edges }))
     }
 
     /// The polygons of the roofs of the highest LoD that the building, and each part, has.

@@ -23,6 +23,8 @@ pub(super) enum Tag {
     Positions,
     /// A ring.
     Ring,
+    /// A ring of curves.
+    RingOfCurves,
     /// A bounding box.
     Envelope,
     /// A property of geometry that may refer instead of holding.
@@ -59,6 +61,7 @@ impl Tag {
             b"Polygon" | b"PolygonPatch" | b"Triangle" | b"Rectangle" => (Self::Polygon, true),
             b"posList" | b"pos" | b"coordinates" => (Self::Positions, true),
             b"LinearRing" => (Self::Ring, true),
+            b"Ring" => (Self::RingOfCurves, true),
             b"MultiSurface"
             | b"CompositeSurface"
             | b"OrientableSurface"

@@ -66,15 +66,14 @@ impl Boundaries {
         }
     }
 
-    /// The surfaces whose value, in the text of `values`, points to a roof.
-    pub(super) fn roof(&self, values: &str, is_roof: &[bool]) -> Result<IndexedRoof, String> {
-        let mut roof = IndexedRoof::default();
+    /// Adds the surfaces whose value, in the text of `values`, points to a roof.
+    pub(super) fn add_roof(&self, values: &str, is_roof: &[bool], roof: &mut IndexedRoof) -> Result<(), String> {
         for (surface, value) in self.values(values)?.into_iter().enumerate() {
             let Some(value) = value else {
                 continue;
             };
             match is_roof.get(value as usize) {
-                Some(true) => self.copy(surface, &mut roof),
+                Some(true) => self.copy(surface, roof)?,
                 Some(false) => {}
                 None => {
                     return Err(format!(
@@ -84,16 +83,21 @@ impl Boundaries {
                 }
             }
         }
-        Ok(roof)
+        Ok(())
     }
 
-    fn copy(&self, surface: usize, roof: &mut IndexedRoof) {
+    fn copy(&self, surface: usize, roof: &mut IndexedRoof) -> Result<(), String> {
         let start = |ends: &[u32], at: usize| if at == 0 { 0 } else { ends[at - 1] as usize };
-        for ring in start(&self.surfaces, surface)..self.surfaces[surface] as usize {
+        let rings = start(&self.surfaces, surface)..self.surfaces[surface] as usize;
+        if rings.is_empty() {
+            return Err(format!("surface {surface} of boundaries, a roof, is empty; it must have at least one ring"));
+        }
+        for ring in rings {
             roof.indices.extend_from_slice(&self.indices[start(&self.rings, ring)..self.rings[ring] as usize]);
             roof.rings.push(roof.indices.len() as u32);
         }
         roof.polygons.push(roof.rings.len() as u32);
+        Ok(())
     }
 
     /// One value a surface. A `null` may stand for a surface, a shell, a solid or all.

@@ -46,7 +46,7 @@ impl<'a> Names<'a> {
             if object.role == Role::Building {
                 return Ok(at);
             }
-            at = match object.parents.first() {
+            at = match &object.parent {
                 Some(parent) => Self::first(&self.sorted, parent)
                     .ok_or_else(|| format!("its parent \"{parent}\" is no building of the file"))?,
                 None => Self::first(&self.listed, &object.name)
@@ -93,7 +93,7 @@ pub(in crate::buildings) fn items(
         let name = &object.name;
         let item = match made {
             Ok(building) => Item::Building(Building { index, ..building }),
-            Err(detail) => Item::Refused(Refused { index, name: Some(name.to_string()), detail }),
+            Err(detail) => Item::Refused(Refused::new(index, Some(name.to_string()), detail)),
         };
         if !each(item) {
             return;
@@ -134,7 +134,10 @@ fn building(
     }
     let geographic = frame.system.as_ref().is_some_and(|system| system.geographic);
     let edges = roof::edges(surfaces, geographic).map_err(|error| error.to_string())?;
-    Ok(Building { index: 0, name: object.name.to_string(), crs: frame.crs(), accuracy_m: None, edges })
+    // the attributes of the building hold for all of it; those of parts are as good as the worst
+    let of_parts = parts.iter().filter_map(|part| part.roof_rmse_m).reduce(f64::max);
+    let roof_rmse_m = object.roof_rmse_m.or(of_parts);
+    Ok(Building { index: 0, name: object.name.to_string(), crs: frame.crs(), roof_rmse_m, edges })
 }
 
 /// Why a building has no roof that counts.

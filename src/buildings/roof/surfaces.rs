@@ -52,11 +52,7 @@ impl Surfaces {
 
     /// For each polygon its rings, as spans of [`Self::points`].
     pub(in super::super) fn polygons(&self) -> impl Iterator<Item = impl Iterator<Item = Range<usize>> + '_> + '_ {
-        let first_ring = |polygon: usize| if polygon == 0 { 0 } else { self.polygons[polygon - 1] };
-        let first_point = |ring: usize| if ring == 0 { 0 } else { self.rings[ring - 1] };
-        (0..self.polygons.len()).map(move |polygon| {
-            (first_ring(polygon)..self.polygons[polygon]).map(move |ring| first_point(ring)..self.rings[ring])
-        })
+        (0..self.polygons.len()).map(|polygon| self.rings_of(polygon))
     }
 
     /// Adds a polygon of another.

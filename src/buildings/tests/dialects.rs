@@ -66,7 +66,7 @@ fn is_the_gable_roof(building: &Building) {
 fn without_a_crs_there_is_none() {
     let found = building(Format::CityGml, &model(&house(&roof(2, &(polygon(SOUTH) + &polygon(NORTH))))));
     is_the_gable_roof(&found);
-    assert_eq!((found.name.as_str(), found.crs, found.accuracy_m), ("H", None, None));
+    assert_eq!((found.name.as_str(), found.crs, found.roof_rmse_m), ("H", None, None));
 }
 
 #[test]
@@ -233,4 +233,87 @@ fn other_objects_are_passed_over() {
     );
     let found = building(Format::CityJson, &city("1.0", &objects));
     assert_eq!((found.index, found.name.as_str()), (0, "H"));
+}
+
+#[test]
+fn an_empty_surface_of_a_roof_refuses_its_building() {
+    let of = |values: &str| {
+        let roof = geometry("MultiSurface", "\"2\"", &format!("[[],{SURFACES}]"), values);
+        city("2.0", &format!(r#""H":{}"#, object("Building", "", &roof)))
+    };
+    let detail = refused(Format::CityJson, &of("[0,2,0,0]"));
+    assert!(detail.contains("surface 0") && detail.contains("empty"), "{detail}");
+    // what is no roof may be as it likes
+    is_the_gable_roof(&building(Format::CityJson, &of("[2,2,0,0]")));
+}
+
+#[test]
+fn the_halves_of_a_roof_may_be_in_two_geometries_of_one_lod() {
+    let half = |lod: &str, values: &str| geometry("MultiSurface", lod, &format!("[{SURFACES}]"), values);
+    let coarse = geometry("MultiSurface", "\"2.0\"", "[[[6,7,8,9]]]", "[0]");
+    let both = [half("\"2.2\"", "[2,0,2]"), coarse, half("\"2.2\"", "[2,2,0]"), half("\"3\"", "[2,2,2]")].join(",");
+    let text = city("2.0", &format!(r#""H":{}"#, object("Building", "", &both)));
+    is_the_gable_roof(&building(Format::CityJson, &text));
+}
+
+#[test]
+fn an_empty_roof_of_a_higher_lod_does_not_hide_a_good_one() {
+    let text = model(&house(&(roof(2, &(polygon(SOUTH) + &polygon(NORTH))) + &roof(3, ""))));
+    is_the_gable_roof(&building(Format::CityGml, &text));
+}
+
+#[test]
+fn how_far_a_roof_is_off_its_points_is_read_where_it_is_stated() {
+    let roof = geometry("MultiSurface", "\"2.2\"", &format!("[{SURFACES}]"), "[2,0,0]");
+    for (attributes, expected) in [
+        (r#"{"b3_rmse_lod12":2.5,"b3_rmse_lod22":0.31}"#, Some(0.31)),
+        (r#"{"rf_rmse_lod22":0.4}"#, Some(0.4)),
+        (r#"{"b3_rmse_lod22":null}"#, None),
+        (r#"{"b3_rmse_lod22":"good"}"#, None),
+        (r#"{"b3_rmse_lod22":-1}"#, None),
+        ("null", None),
+    ] {
+        let more = format!(r#","attributes":{attributes}"#);
+        let of_building = city("2.0", &format!(r#""H":{}"#, object("Building", &more, &roof)));
+        assert_eq!(building(Format::CityJson, &of_building).roof_rmse_m, expected, "{attributes}");
+        let more = format!(r#"{more},"parents":["H"]"#);
+        let of_part = format!(r#""P":{},"H":{}"#, object("BuildingPart", &more, &roof), object("Building", "", ""));
+        assert_eq!(building(Format::CityJson, &city("2.0", &of_part)).roof_rmse_m, expected, "{attributes}");
+    }
+}
+
+#[test]
+fn sequences_may_follow_each_other_in_one_file() {
+    let lines = |east: u32, epsg: u32, name: &str, objects: bool| {
+        let roof = geometry("MultiSurface", "\"2\"", &format!("[{SURFACES}]"), "[2,0,0]");
+        let house = format!(r#""{name}":{}"#, object("Building", "", &roof));
+        let header = format!(
+            r#""type":"CityJSON","version":"2.0","transform":{{"scale":[1,1,1],"translate":[{east},5645000,0]}},"metadata":{{"referenceSystem":"EPSG:{epsg}"}}"#
+        );
+        let content = format!(r#""CityObjects":{{{house}}},"vertices":{VERTICES}"#);
+        match objects {
+            true => format!("{{{header},{content}}}\n"),
+            false => format!(
+                "{{{header},\"CityObjects\":{{}},\"vertices\":[]}}\n{{\"type\":\"CityJSONFeature\",{content}}}\n"
+            ),
+        }
+    };
+    // the last one is a whole CityJSON in one line
+    let text = [lines(356_000, 25832, "a", false), lines(156_000, 25833, "b", false), lines(56_000, 7415, "c", true)];
+    let found: Vec<(String, String, f64)> = items(Format::CityJsonSeq, text.concat().as_bytes())
+        .unwrap()
+        .into_iter()
+        .map(|item| match item {
+            Item::Building(found) => {
+                let west = found.edges.iter().flat_map(|edge| [edge.start[0], edge.end[0]]).fold(f64::MAX, f64::min);
+                (found.name, found.crs.unwrap().to_string(), west)
+            }
+            Item::Refused(refused) => panic!("{refused:?}"),
+        })
+        .collect();
+    let expected = [("a", "EPSG:25832", 356e3), ("b", "EPSG:25833", 156e3), ("c", "EPSG:7415", 56e3)];
+    assert_eq!(found, expected.map(|(name, crs, west)| (name.to_owned(), crs.to_owned(), west)));
+    // of a header that cannot be read nothing after it can be
+    let bad = text[0].clone() + "{\"type\":\"CityJSON\",\"version\":\"0.9\"}\n" + &text[1];
+    assert!(items(Format::CityJsonSeq, bad.as_bytes()).unwrap_err().to_string().contains("0.9"));
 }

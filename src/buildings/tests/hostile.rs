@@ -196,6 +196,19 @@ fn wrong_rings_and_coordinates_refuse_their_building() {
 }
 
 #[test]
+fn a_polygon_whose_ring_is_not_read_refuses_its_building() {
+    let straight = gml("0 0 5 9 0 5 9 9 5 0 0 5");
+    let roof = &straight[straight.find("RoofSurface").unwrap()..];
+    let ring = &roof[roof.find("<gml:LinearRing").unwrap()..];
+    let ring = &ring[..ring.find("</gml:LinearRing>").unwrap() + "</gml:LinearRing>".len()];
+    let curves = "<gml:Ring><gml:curveMember><gml:LineString><gml:posList>0 0 5</gml:posList></gml:LineString>\
+                  </gml:curveMember></gml:Ring>";
+    for (instead, words) in [(curves, &["gml:Ring", "LinearRing"][..]), ("", &["no ring", "LinearRing"])] {
+        says(&details(Format::CityGml, straight.replacen(ring, instead, 1))[0], words);
+    }
+}
+
+#[test]
 fn references_in_circles_and_to_what_is_there_twice_are_refused() {
     let circle = |inner: &str| {
         gml("0 0 5 9 0 5 9 9 5 0 9 5 0 0 5").replacen(
@@ -308,6 +321,55 @@ fn families_without_end_and_names_that_occur_twice_are_refused() {
     let found = details(Format::CityJson, city(bad));
     assert_eq!(found.len(), 2);
     says(&found[0], &["line 1", "invalid type"]);
+}
+
+#[test]
+fn what_strangers_write_is_cut_where_it_is_refused() {
+    let long = "ä".repeat(100_000);
+    let members = format!("\"{long}\":{{\"type\":\"Building\"}}");
+    let bad = format!("\"x\":{{\"type\":\"Building\",\"geometry\":\"{long}\"}}");
+    let of = |objects: &str| format!("\"CityObjects\":{{{objects}}},\"vertices\":[]}}");
+    let whole = format!("{{\"type\":\"CityJSON\",\"version\":\"2.0\",{}", of(&format!("{members},{bad}")));
+    let feature = |objects: &str| format!("{{\"type\":\"CityJSONFeature\",{}", of(objects));
+    let xml = gml("0 0 5").replace("gml:id=\"DENW", &format!("gml:id=\"{long}"));
+    for (format, text) in [
+        (Format::CityJson, whole),
+        (Format::CityJsonSeq, sequence(&feature(&members))),
+        (Format::CityJsonSeq, sequence(&feature(&bad))),
+        (Format::CityGml, xml),
+    ] {
+        let refused: Vec<Refused> = items(format, text.as_bytes())
+            .unwrap()
+            .into_iter()
+            .filter_map(|item| if let Item::Refused(refused) = item { Some(refused) } else { None })
+            .collect();
+        assert!(!refused.is_empty());
+        for refused in refused {
+            assert!(refused.detail.chars().count() <= 300, "{}", refused.detail);
+            assert!(refused.name.is_none_or(|name| name.chars().count() <= 200));
+        }
+    }
+    let detail = &details(Format::CityJsonSeq, sequence(&feature(&members)))[0];
+    says(detail, &["line 3", "more than 200 characters"]);
+    assert!(error(Format::CityJson, format!("{{\"type\":{{\"{long}\":1}}}}")).chars().count() < 400);
+}
+
+#[test]
+fn children_without_end_are_refused_and_of_parents_the_first_counts() {
+    let city = |objects: &str| {
+        format!("{{\"type\":\"CityJSON\",\"version\":\"2.0\",\"CityObjects\":{{{objects}}},\"vertices\":[]}}")
+    };
+    let children = |count: usize| vec!["\"c\""; count].join(",");
+    let with = |count| format!("\"a{count}\":{{\"type\":\"Building\",\"children\":[{}]}}", children(count));
+    let found = details(Format::CityJson, city(&format!("{},{}", with(10_001), with(10_000))));
+    assert_eq!(found.len(), 2);
+    says(&found[0], &["more than 10000 children"]);
+    says(&found[1], &["RoofSurface"]);
+    let limits = Limits { file_objects: 15, ..Limits::default() };
+    let error = items_within(Format::CityJson, city(&format!("{},{}", with(9), with(8))).as_bytes(), &limits);
+    says(&error.unwrap_err().to_string(), &["more than 15 children"]);
+    let part = "\"p\":{\"type\":\"BuildingPart\",\"parents\":[\"h\",\"gone\",7]},\"h\":{\"type\":\"Building\"}";
+    assert_eq!(details(Format::CityJson, city(part)).len(), 1);
 }
 
 #[test]

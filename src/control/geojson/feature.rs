@@ -4,7 +4,8 @@ use chrono::NaiveDate;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Source, kind_name};
+use super::Source;
+use crate::buildings::EdgeKind;
 use crate::control::model::{StoredControlPoint, StoredEdge, Use};
 
 /// A control point as a GeoJSON feature, its positions in the CRS asked for.
@@ -84,7 +85,7 @@ pub fn feature(point: &StoredControlPoint, set: &str, target: &Source<'_>) -> Op
             r#use: point.purpose,
             valid_from: point.validity.from,
             valid_to: point.validity.to,
-            edge_kinds: with_kinds.then(|| edges.iter().map(|edge| edge.kind.map(kind_name)).collect()),
+            edge_kinds: with_kinds.then(|| edges.iter().map(|edge| edge.kind.map(EdgeKind::name)).collect()),
             edge_sigma_m: with_sigmas.then(|| edges.iter().map(|edge| edge.sigma_m).collect()),
         },
     })

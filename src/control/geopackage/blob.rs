@@ -3,6 +3,8 @@
 //! It comes from strangers: no count is believed beyond what the bytes can hold, and nothing lies deeper than the parts
 //! of a geometry of many.
 
+use crate::buildings::FARTHEST;
+
 /// Lines or surfaces, in the order east or longitude, north or latitude, up, which is that of every GeoPackage.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Shape {
@@ -12,8 +14,6 @@ pub(super) enum Shape {
     Polygons(Vec<Vec<Vec<[f64; 3]>>>),
 }
 
-/// Farther from the origin no CRS has a building.
-const FARTHEST: f64 = 1e8;
 /// What a geometry has at least: its byte order, its type, and a count.
 const LEAST_GEOMETRY: usize = 9;
 /// What a ring has at least: its count.

@@ -13,7 +13,11 @@ use crate::control::reading::{KnownCrs, ReadError, Reading};
 use crate::geometry::Crs;
 
 /// Columns that may have the name of a building, the first one that is not empty counting.
-const NAMES: [&str; 6] = ["name", "cp_id", "building_id", "gml_id", "id", "fid"];
+const NAMES: [&str; 4] = ["name", "cp_id", "building_id", "gml_id"];
+/// Columns with a number where there is no name, and what stands between the name of the table and the number: `roofs:7`.
+/// The number alone would be that of a row in every other table too. That it is the `fid`, which programs count anew when
+/// they write a file, the name says: `roofs:fid:7`.
+const NUMBERS: [(&str, &str); 2] = [("id", ":"), ("fid", ":fid:")];
 /// Columns that say which rows are one building.
 const KEYS: [&str; 2] = ["cp_id", "building_id"];
 /// The same of surfaces, of which a building as a rule has several.
@@ -26,22 +30,23 @@ const LONGEST_TEXT: usize = 1_000;
 /// What must be known of a table to read it.
 #[derive(Debug)]
 pub(super) struct Layer {
-    /// Its name.
-    table: String,
+    /// Its name, which its statement takes.
+    pub(super) table: String,
     /// The number of its CRS in the file.
     pub(super) srs_id: i64,
     /// Its CRS.
     pub(super) crs: Arc<Crs>,
     /// How many rows it has.
     pub(super) rows: u64,
-    /// Reads them, those of a building after each other.
+    /// Reads them, those of a building after each other; its parameter is the name of the table.
     pub(super) sql: String,
 }
 
 impl Layer {
     /// Why a row has no name.
     pub(super) fn without_name(&self) -> String {
-        format!("it has no name: table \"{}\" needs one in a column {}", self.table, NAMES.join(", "))
+        let (table, names) = (&self.table, NAMES.join(", "));
+        format!("it has no name: table \"{table}\" needs one in a column {names}, id or fid")
     }
 }
 
@@ -193,9 +198,15 @@ impl Columns {
         )
     }
 
-    fn first_text(&self, names: &[&str]) -> String {
-        let texts: Vec<String> = names.iter().filter(|name| self.has(name)).map(|name| self.text(name)).collect();
-        format!("COALESCE({}NULL, NULL)", texts.iter().map(|text| format!("{text}, ")).collect::<String>())
+    fn texts(&self, names: &[&str]) -> Vec<String> {
+        names.iter().filter(|name| self.has(name)).map(|name| self.text(name)).collect()
+    }
+
+    /// What a row is called, in its table or by its number there.
+    fn name(&self) -> String {
+        let numbers = NUMBERS.iter().filter(|(column, _)| self.has(column));
+        let numbered = numbers.map(|(column, between)| format!("$1 || '{between}' || {}", self.text(column)));
+        first_of(&self.texts(&NAMES).into_iter().chain(numbered).collect::<Vec<_>>())
     }
 
     fn number(&self, name: &str) -> String {
@@ -209,7 +220,7 @@ impl Columns {
     /// Reads the table with the rows of a building one after the other. What is sorted are the numbers of the rows, so
     /// that geometries need not be held for it.
     fn statement(&self, table: &str, geometry: &str, row_id: &str, keys: &[&str]) -> String {
-        let [key, name] = [self.first_text(keys), self.first_text(&NAMES)];
+        let (key, name) = (first_of(&self.texts(keys)), self.name());
         let [sigma, sigma_xy, sigma_z] = ["sigma_m", "sigma_xy", "sigma_z"].map(|name| self.number(name));
         let [kind, purpose, from, to] = ["edge_type", "use", "valid_from", "valid_to"].map(|name| self.text(name));
         let selected = format!(
@@ -226,6 +237,11 @@ impl Columns {
             ),
         }
     }
+}
+
+/// The first of texts that is not NULL.
+fn first_of(texts: &[String]) -> String {
+    format!("COALESCE({}NULL, NULL)", texts.iter().map(|text| format!("{text}, ")).collect::<String>())
 }
 
 fn quoted(name: &str) -> String {

@@ -10,13 +10,11 @@ use crate::buildings::{self, Building, EdgeKind, Limits};
 use crate::control::accuracy::edge_sigma_m;
 use crate::control::geojson::{self, Defaults, MOST_EDGES, SHORTEST_EDGE_M, Source};
 use crate::control::model::{StoredControlPoint, StoredEdge, Use, Validity};
-use crate::control::reading::{corners_geocentric_m, of_building};
+use crate::control::reading::{EDGE_BYTES, corners_geocentric_m, of_building};
 use crate::geometry::Segment3;
 
 /// What a row takes beside its geometry, about.
 const ROW_BYTES: usize = 256;
-/// What an edge has in a geometry: two positions.
-const EDGE_BYTES: usize = 48;
 /// So much the rows of one building may have: the points that one may have, and something for what is around them.
 pub(super) const MOST_BYTES: usize = 16 << 20;
 
@@ -112,9 +110,10 @@ impl Record {
         let mut gathered = Gathered::default();
         for row in self.rows {
             let (id, srs_id) = (row.id, self.layer.srs_id);
-            gathered.add(row, srs_id).map_err(|detail| format!("row {id}: {detail}"))?;
+            gathered.add(row, srs_id, defaults.sigma_m).map_err(|detail| format!("row {id}: {detail}"))?;
         }
         let defaults = Defaults {
+            sigma_m: gathered.sigma_m.or(defaults.sigma_m),
             purpose: gathered.purpose.unwrap_or(defaults.purpose),
             validity: Validity {
                 from: gathered.valid_from.or(defaults.validity.from),
@@ -128,8 +127,7 @@ impl Record {
             (false, true) => of_lines(name, &gathered.lines, &source, defaults),
             (true, false) => {
                 let edges = buildings::roof_edges(&gathered.polygons, source.crs.is_geographic())?;
-                let accuracy_m = gathered.sigma_m;
-                of_building(&Building { index: 0, name, crs: None, accuracy_m, edges }, &source, defaults)
+                of_building(&Building { index: 0, name, crs: None, roof_rmse_m: None, edges }, &source, defaults)
             }
         }
     }
@@ -156,13 +154,13 @@ struct Gathered {
 }
 
 impl Gathered {
-    fn add(&mut self, row: Row, srs_id: i64) -> Result<(), String> {
+    fn add(&mut self, row: Row, srs_id: i64, default_sigma_m: Option<f64>) -> Result<(), String> {
         agree(&mut self.purpose, "use", row.purpose.as_deref().map(purpose).transpose()?)?;
         agree(&mut self.valid_from, "valid_from", row.valid_from.as_deref().map(day).transpose()?)?;
         agree(&mut self.valid_to, "valid_to", row.valid_to.as_deref().map(day).transpose()?)?;
         match blob::shape(&row.geometry?, srs_id)? {
             Shape::Lines(lines) => {
-                let sigma_m = geojson::checked_sigma(row.sigma_m)?;
+                let sigma_m = geojson::checked_sigma(row.sigma_m.or(default_sigma_m))?;
                 let kind = row.kind.as_deref().map(kind).transpose()?;
                 self.lines.extend(lines.into_iter().map(|positions| Line { positions, kind, sigma_m }));
             }
@@ -196,7 +194,7 @@ fn agree<T: PartialEq>(known: &mut Option<T>, column: &str, given: Option<T>) ->
 }
 
 fn kind(word: &str) -> Result<EdgeKind, String> {
-    geojson::kind_of(&word.trim().to_ascii_lowercase())
+    EdgeKind::from_name(&word.trim().to_ascii_lowercase())
         .ok_or_else(|| format!("edge_type is {word:?}; it may be eave, ridge, gable, hip, valley, rim and NULL"))
 }
 

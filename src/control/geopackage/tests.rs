@@ -238,7 +238,7 @@ async fn lines_are_the_control_points_that_geojson_makes_of_them() {
     let properties = json!({"name": "x", "sigma_m": 0.1, "edge_kinds": ["eave", "ridge"], "use": "check",
         "valid_from": "2020-01-01", "valid_to": "2024-12-31"});
     let expected = of_geojson(&[
-        feature(&json!({"name": "5", "sigma_m": 0.1}), &[[c, d]]),
+        feature(&json!({"name": "edges:fid:5", "sigma_m": 0.1}), &[[c, d]]),
         feature(&json!({"name": "w", "sigma_m": 0.3}), &[[g, h], [g, i], [i, j], [j, h]]),
         feature(&properties, &[[a, b], [e, f]]),
         feature(&json!({"name": "v", "sigma_m": 0.35}), &[[a, b], [e, f], [f, c]]),
@@ -264,7 +264,7 @@ async fn surfaces_have_the_edges_of_a_building_model() {
     assert_eq!(rejected, []);
     let of = |roof: &[[Point; 4]; 2], name: &str, sigma_m: f64| {
         let edges = crate::buildings::roof_edges(&roof.map(|ring| vec![ring.to_vec()]), false).unwrap();
-        let kinds: Vec<&str> = edges.iter().map(|edge| crate::control::geojson::kind_name(edge.kind)).collect();
+        let kinds: Vec<&str> = edges.iter().map(|edge| edge.kind.name()).collect();
         let lines: Vec<[Point; 2]> = edges.iter().map(|edge| [edge.start, edge.end]).collect();
         feature(&json!({"name": name, "sigma_m": sigma_m, "edge_kinds": kinds}), &lines)
     };
@@ -273,6 +273,39 @@ async fn surfaces_have_the_edges_of_a_building_model() {
     assert_eq!(points, of_geojson(&expected));
     let of_kind = |kind| points[2].edges.iter().filter(|edge| edge.kind == Some(kind)).count();
     assert_eq!([EdgeKind::Eave, EdgeKind::Ridge, EdgeKind::Gable].map(of_kind), [2, 1, 4]);
+}
+
+#[tokio::test]
+async fn rows_without_a_name_are_called_by_their_table_and_number() {
+    let package = Package::new().await;
+    package.table("a", "LINESTRING", ", sigma_m REAL").await;
+    package.table("b", "LINESTRING", ", sigma_m REAL, id INTEGER").await;
+    let [[from, to, ..], _] = roof(0.0);
+    package.row("a", LITTLE.line(&[from, to]), ", 0.1").await;
+    package.row("b", LITTLE.line(&[from, to]), ", 0.1, 17").await;
+    package.row("b", LITTLE.line(&[from, to]), ", 0.1, NULL").await;
+    let (points, rejected) = read_all(&package).await;
+    assert_eq!(rejected, []);
+    let names: Vec<&str> = points.iter().map(|point| &*point.name).collect();
+    assert_eq!(names, ["a:fid:1", "b:17", "b:fid:2"]);
+}
+
+#[tokio::test]
+async fn a_sigma_that_was_given_stands_for_one_that_rows_do_not_have() {
+    let package = Package::new().await;
+    package.table("lines", "LINESTRING", ", name TEXT, sigma_m REAL").await;
+    package.table("roofs", "POLYGON", ", building_id TEXT").await;
+    let faces = roof(0.0);
+    package.row("lines", LITTLE.line(&faces[0][..2]), ", 'own', 0.2").await;
+    package.row("lines", LITTLE.line(&faces[0][..2]), ", 'given', NULL").await;
+    for face in &faces {
+        package.row("roofs", LITTLE.polygon(face), ", 'roof'").await;
+    }
+    let defaults = crate::control::geojson::Defaults { sigma_m: Some(0.4), ..Default::default() };
+    let (points, rejected) = read_as(Reading { defaults, ..reading(None) }, package.path()).await.unwrap();
+    assert_eq!(rejected, []);
+    let sigmas: Vec<(&str, f64)> = points.iter().map(|point| (&*point.name, point.sigma_m)).collect();
+    assert_eq!(sigmas, [("own", 0.2), ("given", 0.4), ("roof", 0.4)]);
 }
 
 #[tokio::test]

@@ -147,11 +147,7 @@ where
         if index < skipped {
             return ControlFlow::Continue(());
         }
-        edges += match &raw {
-            Raw::Building(building, _) => building.edges.len(),
-            Raw::Rows(record) => record.weight(),
-            Raw::Feature(_) | Raw::Refused(..) => 0,
-        };
+        edges += raw.weight();
         raws.push((index, raw));
         if raws.len() < BATCH && edges < BATCH_EDGES {
             return ControlFlow::Continue(());

@@ -1,5 +1,7 @@
 //! The EPSG codes that are known, from the EPSG register (11.022, as in PROJ 9.5.1).
 
+use std::borrow::Cow;
+
 use super::projection::{Projection, TransverseMercator};
 use super::vertical::{self, Heights};
 use super::{Crs, CrsError, Datum, Ellipsoid, System, datum};
@@ -66,6 +68,20 @@ fn registered_compound(code: u32) -> Option<(u32, u32)> {
         9707 => Some((4326, 5773)),
         _ => None,
     }
+}
+
+/// The name of the system without heights of one that [`Crs::parse`](super::Crs::parse) has named.
+pub(super) fn horizontal_name(name: &str) -> Cow<'_, str> {
+    let Some(code) = name.strip_prefix("EPSG:").and_then(|codes| codes.split('+').next()).and_then(number) else {
+        return name.into();
+    };
+    let horizontal = match code {
+        4979 => 4326,
+        4937 => 4258,
+        6667 => 6668,
+        code => registered_compound(code).map_or(code, |(horizontal, _)| horizontal),
+    };
+    format!("EPSG:{horizontal}").into()
 }
 
 /// So much of a text as an error message bears.

@@ -1,7 +1,6 @@
 //! The polygons of a building, from their coordinates in text.
 
-use crate::buildings::feature::FARTHEST;
-use crate::buildings::model::Limits;
+use crate::buildings::model::{FARTHEST, Limits};
 use crate::buildings::roof::Surfaces;
 
 /// How much, relative to its coordinates, the last point of a ring may differ from the first: what is left of a number
@@ -77,8 +76,12 @@ impl Polygons {
         if self.whole.len() == limits.building_polygons {
             return Err(format!("the building has more than {} polygons", limits.building_polygons));
         }
+        let polygon = self.whole.len();
         self.whole.end_polygon();
-        Ok(Some(self.whole.len() - 1))
+        match self.whole.rings_of(polygon).next() {
+            Some(_) => Ok(Some(polygon)),
+            None => Err(format!("polygon {polygon} has no ring; it must have at least one gml:LinearRing")),
+        }
     }
 
     fn end_ring(&mut self) -> Result<(), String> {
