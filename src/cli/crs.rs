@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand};
-use gable::geoids::GeoidFolder;
+use gable::geoids::{Found, GeoidFolder, first_used};
 use gable::geometry::{Crs, CrsError};
 
 use super::{geoids_of_environment, print};
@@ -141,7 +141,9 @@ impl Heights {
             for name in system.grids {
                 let state = match found.iter().find(|found| found.name == *name) {
                     None => "not there".to_owned(),
-                    Some(found) => found.fault.clone().unwrap_or_else(|| "there".to_owned()),
+                    Some(Found { fault: Some(fault), .. }) => fault.clone(),
+                    Some(_) if first_used(system, &found) == Some(*name) => "used".to_owned(),
+                    Some(_) => "used where those above do not reach".to_owned(),
                 };
                 print(&format!("    {name}  {state}"))?;
             }

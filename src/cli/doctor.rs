@@ -8,7 +8,8 @@ use anyhow::bail;
 use clap::Args;
 use gable::configuration::Configuration;
 use gable::database::{Database, query};
-use gable::geoids::GeoidFolder;
+use gable::geoids::{GeoidFolder, first_used};
+use gable::geometry::Crs;
 use gable::store::Store;
 use tokio::net::TcpListener;
 
@@ -151,8 +152,15 @@ fn geoids(configuration: &Configuration) -> Result<String, String> {
     if found.is_empty() {
         return Ok(format!("none in {}: compound CRSs are refused", folder.display()));
     }
-    let told: Vec<String> =
+    let mut told: Vec<String> =
         found.iter().map(|found| format!("{} ({})", found.name, found.systems.join(", "))).collect();
+    for system in Crs::height_systems() {
+        if let (Some(used), Some(preferred)) = (first_used(system, &found), system.grids.first())
+            && used != *preferred
+        {
+            told.push(format!("{} by {used}, as {preferred} is not there", system.name));
+        }
+    }
     Ok(format!("{}: {}", folder.display(), told.join(", ")))
 }
 

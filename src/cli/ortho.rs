@@ -9,12 +9,12 @@ use gable::control::{Source, geojson};
 use gable::geometry::Crs;
 use gable::imagery::georeference::{Georeference, world_file_beside};
 use gable::imagery::{ImageFile, Limits};
-use gable::orthos::{OrthoPhoto, Shift, against_edges, against_ortho_photo};
+use gable::orthos::{OrthoError, OrthoPhoto, Shift, against_edges, against_ortho_photo};
 use nalgebra::Vector2;
 use serde_json::json;
 
 use super::export::Export;
-use super::{Settings, print};
+use super::{Settings, geoids_of_environment, install_geoids, print};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -180,15 +180,20 @@ impl Check {
                 }
                 let old = ImageFile::open(file, &limits).with_context(|| file.display().to_string())?;
                 let old = OrthoPhoto { picture: &old, ground_from_pixel: old_place.ground_from_pixel };
-                against_ortho_photo(ortho, old, search_m)?
+                against_ortho_photo(ortho, old, search_m)
             }
             (None, Some(file)) => {
+                install_geoids(geoids_of_environment()?);
                 let edges = self.edges_m(file, place.crs.as_deref())?;
-                against_edges(ortho, &edges, search_m)?
+                against_edges(ortho, &edges, search_m)
             }
             (None, None) => bail!("give --against FILE or --edges FILE"),
         };
-        self.show(&shift)
+        match shift {
+            Ok(shift) => self.show(&shift),
+            Err(error @ (OrthoError::Few { .. } | OrthoError::Scattered { .. })) => bail!("{error}; raise --search-m"),
+            Err(error) => Err(error.into()),
+        }
     }
 
     /// The lines in the CRS of the ortho-photo.
@@ -198,11 +203,21 @@ impl Check {
             (Some(crs), _) => crs.clone(),
             (None, Some(name)) => Crs::parse(name).context("the CRS of the ortho-photo")?,
             (None, None) => bail!("the ortho-photo does not say its CRS; give --ortho-crs"),
-        };
+        }
+        .horizontal();
         let geodetic = Crs::parse("EPSG:4979")?;
         let name = || file.display().to_string();
         let body = std::fs::read(file).with_context(name)?;
         let parsed = geojson::parse(&body, &Source { crs: &crs, geoid_undulation_m: None }).with_context(name)?;
+        if let [first, ..] = parsed.rejected.as_slice() {
+            let (count, all) = (parsed.rejected.len(), parsed.rejected.len() + parsed.control_points.len());
+            let told =
+                format!("{count} of {all} features are no control points; feature {}: {}", first.index, first.detail);
+            if count == all {
+                bail!("{}: {told}", name());
+            }
+            eprintln!("{}: {told}", name());
+        }
         let mut edges = Vec::new();
         for (_, point) in &parsed.control_points {
             for edge in &point.edges {
@@ -229,9 +244,6 @@ impl Check {
     }
 
     fn show(&self, shift: &Shift) -> anyhow::Result<()> {
-        if shift.offsets.is_empty() {
-            bail!("nothing was found in common at {} places; is it the same ground, and the same CRS?", shift.tried);
-        }
         let common_m = shift.common_m.norm();
         if self.json {
             let offsets: Vec<_> = shift

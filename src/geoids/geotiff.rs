@@ -15,7 +15,7 @@ use super::parts::{Layout, MOST_NUMBERS, Parts, PartwiseNodes};
 use crate::geometry::GeoidGrid;
 use crate::geometry::geoid::{GridPage, GridPlace};
 
-/// More grids in one file are not met.
+/// More pages in one file are not met: such a file is refused, as its last ones might be those that are needed.
 const MOST_PAGES: usize = 256;
 
 const MODEL_TYPE: u16 = 1024;
@@ -31,7 +31,10 @@ type Reader = Decoder<BufReader<File>>;
 
 pub(super) fn open(path: &Path) -> Result<GeoidGrid, GeoidFileError> {
     let mut pages = Vec::new();
-    for number in 0..MOST_PAGES {
+    for number in 0.. {
+        if number == MOST_PAGES {
+            return Err(no_grid(format!("it has more than {MOST_PAGES} pages; a geoid grid has at most that many")));
+        }
         let mut reader = reader(path)?;
         if number > 0 {
             reader.seek_to_image(number)?;

@@ -1,8 +1,10 @@
 //! Geoid grids in a folder, by the names that PROJ gives them: GeoTIFF as <https://cdn.proj.org> has it, and GTX.
 //!
 //! A grid is opened when it is first asked for, and its parts are decoded when they are first looked at: of a model of the
-//! whole Earth an image needs one tile. What is decoded stays, up to a bound. A file that is put into the folder later is
-//! found at once, a file that has changed is not.
+//! whole Earth an image needs one tile. What is decoded stays, up to a bound.
+//!
+//! A height system without a grid finds one that is put into the folder later. One that has been served keeps the grids that
+//! it was served by: a better one is taken when the process starts anew, and until then all heights come from one model.
 
 mod geotiff;
 mod gtx;
@@ -12,15 +14,23 @@ mod tests;
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::geometry::{Crs, GeoidGrid, Geoids};
+use crate::geometry::geoid::{GridFileFault, NamedGrid};
+use crate::geometry::{Crs, GeoidGrid, Geoids, HeightSystem};
 
 /// The grids of a folder.
 #[derive(Debug)]
 pub struct GeoidFolder {
     folder: PathBuf,
-    open: Mutex<HashMap<String, Arc<GeoidGrid>>>,
+    open: Mutex<Open>,
+}
+
+#[derive(Debug, Default)]
+struct Open {
+    grids: HashMap<&'static str, Arc<GeoidGrid>>,
+    /// What was told for a list of names, once any was there.
+    told: HashMap<&'static [&'static str], Arc<[NamedGrid]>>,
 }
 
 /// Why a file is no geoid grid.
@@ -42,11 +52,17 @@ pub enum GeoidFileError {
 #[derive(Debug)]
 pub struct Found {
     /// Its name without the ending.
-    pub name: String,
+    pub name: &'static str,
     /// The height systems that it serves.
     pub systems: Vec<&'static str>,
     /// What is wrong with it, if anything.
     pub fault: Option<String>,
+}
+
+/// The grid that a system uses first, of those that were found; `None` if it has none.
+#[must_use]
+pub fn first_used(system: HeightSystem, found: &[Found]) -> Option<&'static str> {
+    system.grids.iter().copied().find(|name| found.iter().any(|found| found.name == *name))
 }
 
 /// The endings that grids have, the one to be preferred first.
@@ -64,17 +80,17 @@ impl GeoidFolder {
     pub fn found(&self) -> Vec<Found> {
         let mut found: Vec<Found> = Vec::new();
         for system in Crs::height_systems() {
-            for name in system.grids {
-                if let Some(known) = found.iter_mut().find(|known| known.name == *name) {
+            for &name in system.grids {
+                if let Some(known) = found.iter_mut().find(|known| known.name == name) {
                     known.systems.push(system.name);
                     continue;
                 }
-                let fault = match self.grid(name) {
+                let fault = match self.grid(name, &mut self.lock().grids) {
                     Ok(None) => continue,
                     Ok(Some(_)) => None,
                     Err(fault) => Some(fault),
                 };
-                found.push(Found { name: (*name).to_owned(), systems: vec![system.name], fault });
+                found.push(Found { name, systems: vec![system.name], fault });
             }
         }
         found
@@ -83,18 +99,50 @@ impl GeoidFolder {
     fn file(&self, name: &str) -> Option<PathBuf> {
         ENDINGS.iter().map(|ending| self.folder.join(format!("{name}.{ending}"))).find(|file| file.is_file())
     }
-}
 
-impl Geoids for GeoidFolder {
-    fn grid(&self, name: &str) -> Result<Option<Arc<GeoidGrid>>, String> {
-        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+    fn lock(&self) -> MutexGuard<'_, Open> {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn grid(
+        &self,
+        name: &'static str,
+        open: &mut HashMap<&'static str, Arc<GeoidGrid>>,
+    ) -> Result<Option<Arc<GeoidGrid>>, String> {
         if let Some(grid) = open.get(name) {
             return Ok(Some(grid.clone()));
         }
         let Some(file) = self.file(name) else { return Ok(None) };
         let grid = Arc::new(read(&file).map_err(|error| error.to_string())?);
-        open.insert(name.to_owned(), grid.clone());
+        open.insert(name, grid.clone());
         Ok(Some(grid))
+    }
+}
+
+impl Geoids for GeoidFolder {
+    fn grids(&self, names: &'static [&'static str]) -> Result<Arc<[NamedGrid]>, GridFileFault> {
+        let mut open = self.lock();
+        if let Some(told) = open.told.get(names) {
+            return Ok(told.clone());
+        }
+        let mut found = Vec::new();
+        for &name in names {
+            let grid = self.grid(name, &mut open.grids);
+            let grid = grid.map_err(|reason| GridFileFault { name: name.to_owned(), reason })?;
+            found.extend(grid.map(|grid| NamedGrid { name, grid }));
+        }
+        let found: Arc<[NamedGrid]> = found.into();
+        if let (Some(used), Some(preferred)) = (found.first(), names.first()) {
+            if used.name != *preferred {
+                tracing::warn!(
+                    grid = used.name,
+                    preferred,
+                    "heights come from a geoid grid that is not the one to be preferred"
+                );
+            }
+            open.told.insert(names, found.clone());
+        }
+        Ok(found)
     }
 }
 

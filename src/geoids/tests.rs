@@ -120,10 +120,42 @@ fn every_registered_compound_is_known() {
 #[test]
 fn the_grids_of_a_folder_are_found_with_what_they_serve() {
     let found = GeoidFolder::new(folder()).found();
-    let names: Vec<&str> = found.iter().map(|found| found.name.as_str()).collect();
+    let names: Vec<&str> = found.iter().map(|found| found.name).collect();
     assert_eq!(found.len(), 6, "{names:?}");
     assert!(found.iter().all(|found| found.fault.is_none() && !found.systems.is_empty()));
     assert!(GeoidFolder::new("/nowhere").found().is_empty());
+}
+
+#[test]
+fn a_system_keeps_the_grid_that_served_it_first_whatever_comes_later() {
+    let [position, of_model] = [[7.1, 50.5, 100.0], [7.0, 50.0, 0.5]];
+    let folder = tempfile::tempdir().unwrap();
+    // a model that is level: each node as high as it says
+    let put = |name: &str, undulation_m: f32| {
+        let mut bytes = Vec::new();
+        for number in [of_model[1], of_model[0], of_model[2], of_model[2]] {
+            bytes.extend(f64::to_be_bytes(number));
+        }
+        bytes.extend([3_i32; 2].map(i32::to_be_bytes).concat());
+        bytes.extend([undulation_m; 9].map(f32::to_be_bytes).concat());
+        std::fs::write(folder.path().join(format!("{name}.gtx")), bytes).unwrap();
+    };
+    let navd88 = |geoids: &Arc<GeoidFolder>| Crs::parse("EPSG:4326+5703").unwrap().with_geoids(geoids.clone());
+    let height_m = |geoids| {
+        let ellipsoidal = Crs::parse("EPSG:4979").unwrap().geocentric_from_position(position, None).unwrap();
+        navd88(geoids).position_from_geocentric(ellipsoidal, None).map(|[.., height_m]| height_m)
+    };
+    let service = Arc::new(GeoidFolder::new(folder.path()));
+    assert!(matches!(height_m(&service), Err(CrsError::GeoidGridMissing { .. })));
+    put("us_noaa_geoid09_conus", -30.0);
+    assert!((height_m(&service).unwrap() - 130.0).abs() < 1e-6, "a grid that comes is found");
+    put("us_noaa_g2018u0", -31.0);
+    assert!((height_m(&service).unwrap() - 130.0).abs() < 1e-6, "the model must not change");
+    let anew = Arc::new(GeoidFolder::new(folder.path()));
+    assert!((height_m(&anew).unwrap() - 131.0).abs() < 1e-6);
+    let system = Crs::height_systems().find(|system| system.code == 5703).unwrap();
+    assert_eq!(first_used(system, &anew.found()), Some("us_noaa_g2018u0"));
+    assert_eq!(first_used(system, &[]), None);
 }
 
 /// A folder with one file, and what comes of reading it.
@@ -187,6 +219,24 @@ fn a_transformation_says_where_a_tiff_lies_too() {
     // the second number of the second row
     assert!((grid.undulation_m(7.5, 50.75).unwrap() - 5.0).abs() < 1e-9);
     assert_eq!(grid.undulation_m(7.5, 50.4), Err(GeoidFault::Outside));
+}
+
+#[test]
+fn a_tiff_with_more_pages_than_are_read_is_refused() {
+    let with_pages = |count: usize| {
+        let mut file = std::io::Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut file).unwrap();
+        for _ in 0..count {
+            let mut image = encoder.new_image::<colortype::Gray32Float>(2, 2).unwrap();
+            image.encoder().write_tag(Tag::ModelPixelScaleTag, [0.5, 0.5, 0.0].as_slice()).unwrap();
+            image.encoder().write_tag(Tag::ModelTiepointTag, [0.0, 0.0, 0.0, 7.0, 51.0, 0.0].as_slice()).unwrap();
+            image.write_data(&[0.0; 4]).unwrap();
+        }
+        read_as("a.tif", &file.into_inner())
+    };
+    assert_eq!(with_pages(256).unwrap().places().count(), 256);
+    let refused = with_pages(257).unwrap_err().to_string();
+    assert!(refused.contains("more than 256 pages"), "{refused}");
 }
 
 #[test]

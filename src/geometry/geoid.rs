@@ -59,18 +59,39 @@ pub enum GeoidFault {
     Unreadable(String),
 }
 
-/// Where grids are found, by the names that PROJ gives to their files, without the ending.
+/// A grid and its name.
+#[derive(Debug, Clone)]
+pub struct NamedGrid {
+    /// The name that PROJ gives to its file, without the ending.
+    pub name: &'static str,
+    /// The grid.
+    pub grid: Arc<GeoidGrid>,
+}
+
+/// Where grids are found.
 pub trait Geoids: fmt::Debug + Send + Sync {
-    /// The grid with this name; `None` if there is none.
+    /// Those of the grids with these names that are there, in the same order. Once it has told any, it always tells the same:
+    /// a model that comes later must not change the heights of a service that runs.
     ///
     /// # Errors
-    /// What is wrong with its file.
-    fn grid(&self, name: &str) -> Result<Option<Arc<GeoidGrid>>, String>;
+    /// What is wrong with the file of one of them.
+    fn grids(&self, names: &'static [&'static str]) -> Result<Arc<[NamedGrid]>, GridFileFault>;
+}
+
+/// Why the file of a grid cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{name}: {reason}")]
+pub struct GridFileFault {
+    /// The name of the grid.
+    pub name: String,
+    /// What is wrong with the file.
+    pub reason: String,
 }
 
 /// The grids of this process. As in PROJ they belong to the installation and not to a coordinate reference system, whose
 /// name is a mere text wherever one is read: in requests, in the database, on the command line. They are set at most once,
-/// before anything is computed, so that the same system always gives the same numbers.
+/// before anything is computed, and each system keeps the grids that it first used: in one process the same system always
+/// gives the same numbers.
 static INSTALLED: OnceLock<Arc<dyn Geoids>> = OnceLock::new();
 
 /// Sets where all coordinate reference systems of this process find their grids, unless

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-use super::{Offset, OrthoPhoto, Shift, median};
+use super::{Look, Offset, OrthoError, OrthoPhoto, Shift, check_agreement, evidence, median};
 use crate::features::PictureError;
 
 /// Places along the longer side of what both show.
@@ -14,18 +14,24 @@ const HALF: i32 = 16;
 const CONTRAST: f64 = 3.0;
 /// What is found must be so much alike.
 const ALIKE: f64 = 0.7;
+/// So many cells and more from where a square is found, all must be less like it.
+const NEAR: usize = 3;
+/// By so many times what noise makes of two places that are alike: see [`noise`].
+const DISTINCT: f64 = 8.0;
+/// Grey values are whole numbers: a difference below this is none.
+const LEAST_DISTINCT: f64 = 0.01;
 
 /// Where `new` has what `old` shows, at places all over what both show; displacements up to `search_m` are found.
 ///
 /// # Errors
-/// [`PictureError`] if a picture cannot be read.
-pub fn against_ortho_photo(new: OrthoPhoto<'_>, old: OrthoPhoto<'_>, search_m: f64) -> Result<Shift, PictureError> {
+/// [`OrthoError`] if a picture cannot be read, and if they have too little in common.
+pub fn against_ortho_photo(new: OrthoPhoto<'_>, old: OrthoPhoto<'_>, search_m: f64) -> Result<Shift, OrthoError> {
     let cell_m = new.gsd_m().max(old.gsd_m());
     let ([new_least, new_most], [old_least, old_most]) = (new.extent_m(), old.extent_m());
     let (least, most) = (new_least.sup(&old_least), new_most.inf(&old_most));
     let size = most - least;
     if size.min() <= 0.0 {
-        return Ok(Shift::of(0, Vec::new(), Vector2::zeros(), new.gsd_m()));
+        return Err(OrthoError::Few { found: 0, tried: 0, search_m });
     }
     let step_m = size.max() / PLACES as f64;
     let along = |length: f64| ((length / step_m) as usize).max(1);
@@ -33,25 +39,27 @@ pub fn against_ortho_photo(new: OrthoPhoto<'_>, old: OrthoPhoto<'_>, search_m: f
     let places: Vec<Vector2<f64>> = (0..columns * rows)
         .map(|k| least + Vector2::new((k % columns) as f64 + 0.5, (k / columns) as f64 + 0.5) * step_m)
         .collect();
-    let found =
+    let looks =
         places.par_iter().map(|at_m| place(new, old, *at_m, cell_m, search_m)).collect::<Result<Vec<_>, _>>()?;
-    let offsets: Vec<Offset> = found.into_iter().flatten().collect();
+    let (offsets, tried) = evidence(looks, search_m)?;
     let common = Vector2::new(median(offsets.iter().map(|o| o.shift_m.x)), median(offsets.iter().map(|o| o.shift_m.y)));
-    Ok(Shift::of(places.len(), offsets, common, new.gsd_m()))
+    check_agreement(offsets.iter().map(|offset| (offset.shift_m - common).norm()), offsets.len(), search_m)?;
+    Ok(Shift::of(tried, offsets, common, new.gsd_m()))
 }
 
-/// What is off at one place; `None` where nothing there can be found.
+/// Looks for what is at one place.
 fn place(
     new: OrthoPhoto<'_>,
     old: OrthoPhoto<'_>,
     at_m: Vector2<f64>,
     cell_m: f64,
     search_m: f64,
-) -> Result<Option<Offset>, PictureError> {
-    let reach = (search_m / cell_m).ceil().max(1.0) as i32;
+) -> Result<Look<Offset>, PictureError> {
+    // more than what counts as near, or nothing could be distinct
+    let reach = (search_m / cell_m).ceil().max(NEAR as f64 + 1.0) as i32;
     let radius_m = f64::from(HALF + reach + 1) * cell_m * std::f64::consts::SQRT_2;
     let (Some(sought), Some(searched)) = (old.around(at_m, radius_m)?, new.around(at_m, radius_m)?) else {
-        return Ok(None);
+        return Ok(Look::Blind);
     };
     let sample = |from: &super::Around, half: i32| -> Option<Vec<f64>> {
         let cell = |k: i32| f64::from(k) * cell_m;
@@ -59,15 +67,19 @@ fn place(
         places.map(|(column, row)| from.grey(at_m + Vector2::new(cell(column), -cell(row)))).collect()
     };
     let (Some(template), Some(field)) = (sample(&sought, HALF), sample(&searched, HALF + reach)) else {
-        return Ok(None);
+        return Ok(Look::Blind);
     };
-    let Some([column, row]) = best(&template, &field, reach) else { return Ok(None) };
-    Ok(Some(Offset { at_m, shift_m: Vector2::new(column, -row) * cell_m }))
+    Ok(match best(&template, &field, reach) {
+        Look::Found([column, row]) => Look::Found(Offset { at_m, shift_m: Vector2::new(column, -row) * cell_m }),
+        Look::Lost => Look::Lost,
+        Look::Blind => Look::Blind,
+    })
 }
 
-/// The displacement, in cells to the right and down, at which the field is most like the template; `None` where that is
-/// not alike enough, or at the rim.
-fn best(template: &[f64], field: &[f64], reach: i32) -> Option<[f64; 2]> {
+/// The displacement, in cells to the right and down, at which the field is most like the template. It is lost where that is
+/// not alike enough, or at the rim. Level grey, and what is as much alike elsewhere, as along a kerb, could not be
+/// recognized.
+fn best(template: &[f64], field: &[f64], reach: i32) -> Look<[f64; 2]> {
     let side = (2 * HALF + 1) as usize;
     let wide = side + 2 * reach as usize;
     let count = template.len() as f64;
@@ -75,7 +87,7 @@ fn best(template: &[f64], field: &[f64], reach: i32) -> Option<[f64; 2]> {
     let centred: Vec<f64> = template.iter().map(|grey| grey - mean).collect();
     let energy: f64 = centred.iter().map(|grey| grey * grey).sum();
     if (energy / count).sqrt() < CONTRAST {
-        return None;
+        return Look::Blind;
     }
     let alike = |dx: usize, dy: usize| {
         let (mut product, mut sum, mut squares) = (0.0, 0.0, 0.0);
@@ -92,10 +104,15 @@ fn best(template: &[f64], field: &[f64], reach: i32) -> Option<[f64; 2]> {
     };
     let steps = 2 * reach as usize + 1;
     let scores: Vec<f64> = (0..steps * steps).map(|k| alike(k % steps, k / steps)).collect();
-    let top = (0..scores.len()).max_by(|a, b| scores[*a].total_cmp(&scores[*b]))?;
+    let Some(top) = (0..scores.len()).max_by(|a, b| scores[*a].total_cmp(&scores[*b])) else { return Look::Lost };
     let (x, y) = (top % steps, top / steps);
     if scores[top] < ALIKE || x == 0 || y == 0 || x + 1 == steps || y + 1 == steps {
-        return None;
+        return Look::Lost;
+    }
+    let is_elsewhere = |k: &usize| (k % steps).abs_diff(x).max((k / steps).abs_diff(y)) >= NEAR;
+    let second = (0..scores.len()).filter(is_elsewhere).map(|k| scores[k]).fold(-1.0, f64::max);
+    if scores[top] - second < (DISTINCT * noise(scores[top], count)).max(LEAST_DISTINCT) {
+        return Look::Blind;
     }
     let between = |before: f64, at: f64, after: f64| {
         let curvature = before - 2.0 * at + after;
@@ -103,5 +120,12 @@ fn best(template: &[f64], field: &[f64], reach: i32) -> Option<[f64; 2]> {
     };
     let dx = between(scores[top - 1], scores[top], scores[top + 1]);
     let dy = between(scores[top - steps], scores[top], scores[top + steps]);
-    Some([x as f64 + dx - f64::from(reach), y as f64 + dy - f64::from(reach)])
+    Look::Found([x as f64 + dx - f64::from(reach), y as f64 + dy - f64::from(reach)])
+}
+
+/// Standard deviation of the difference between the correlations at two displacements at which the ground is the same and
+/// only the noise of the grey values differs, each cell's for itself. With the correlation r = s² / (s² + n²) of a signal
+/// s and noise n in both squares it is sqrt(2 (1 - r) / cells).
+fn noise(correlation: f64, cells: f64) -> f64 {
+    (2.0 * (1.0 - correlation).max(0.0) / cells).sqrt()
 }

@@ -32,7 +32,7 @@ pub struct Offset {
 /// What is off altogether.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shift {
-    /// Places that were tried.
+    /// Places where something could be recognized: both show it, and it is like no other place nearby.
     pub tried: usize,
     /// Where something was found that is like what is looked for.
     pub offsets: Vec<Offset>,
@@ -44,6 +44,82 @@ pub struct Shift {
     pub p95_m: f64,
     /// Side of a pixel of the ortho-photo.
     pub gsd_m: f64,
+}
+
+/// Why it cannot be told how far an ortho-photo is off.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum OrthoError {
+    /// A picture cannot be read.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// Too little was found for the ground to be the same, or for the shift to be within the search.
+    #[error(
+        "only {found} of {tried} places were found again, and it takes at least {LEAST_FOUND} and a fifth of them; is it the \
+         same ground, and the same CRS? A shift beyond {search_m} m is found only in a wider search"
+    )]
+    Few {
+        /// Places that were found again.
+        found: usize,
+        /// Places where something could be recognized.
+        tried: usize,
+        /// How far was searched.
+        search_m: f64,
+    },
+    /// What was found lies about like chance.
+    #[error(
+        "the {found} places that were found have no shift in common: more than half are farther than {} m from any; a shift \
+         beyond {search_m} m is found only in a wider search", search_m * AGREEING
+    )]
+    Scattered {
+        /// Places that were found.
+        found: usize,
+        /// How far was searched.
+        search_m: f64,
+    },
+    /// All lines run alike, and none tells the shift along them.
+    #[error("the {found} lines that were found tell one direction only; give some that run across the others")]
+    OneDirection {
+        /// Lines that were found.
+        found: usize,
+    },
+}
+
+/// With fewer places nothing is told.
+const LEAST_FOUND: usize = 5;
+/// One in so many places must be found again: between years the ground changes, but not all of it.
+const ONE_IN: usize = 5;
+/// Half of what is found must lie within this share of the search around the common shift. By chance a twentieth of the
+/// places does, and a quarter of the lines.
+const AGREEING: f64 = 0.25;
+
+/// What comes of looking at a place.
+enum Look<T> {
+    /// There is nothing that could be recognized.
+    Blind,
+    /// There is, but it was not found again.
+    Lost,
+    /// It was found.
+    Found(T),
+}
+
+/// What was found, and at how many places it was looked for; unless that is too little to tell anything.
+fn evidence<T>(looks: Vec<Look<T>>, search_m: f64) -> Result<(Vec<T>, usize), OrthoError> {
+    let tried = looks.iter().filter(|look| !matches!(look, Look::Blind)).count();
+    let found: Vec<T> =
+        looks.into_iter().filter_map(|look| if let Look::Found(found) = look { Some(found) } else { None }).collect();
+    if found.len() < LEAST_FOUND || ONE_IN * found.len() < tried {
+        return Err(OrthoError::Few { found: found.len(), tried, search_m });
+    }
+    Ok((found, tried))
+}
+
+/// Refuses what agrees no better than chance does, by what is left of each place when the common shift is taken away.
+fn check_agreement(left_m: impl Iterator<Item = f64>, found: usize, search_m: f64) -> Result<(), OrthoError> {
+    if median(left_m.map(f64::abs)) > AGREEING * search_m {
+        return Err(OrthoError::Scattered { found, search_m });
+    }
+    Ok(())
 }
 
 impl OrthoPhoto<'_> {

@@ -265,6 +265,25 @@ test('j and k go through the list it came from', async () => {
   await page.waitForURL(`**/orientations/${served.orientation}?status=succeeded`);
 });
 
+test('check points are told with what they are off, in a table of their own', async () => {
+  const page = await open({ query: '?tab=points' });
+  assert.equal(await page.locator('.checks').count(), 0, 'without a check point there is no table');
+  const { control, frame } = scene();
+  const checking = structuredClone(control);
+  const { name } = matched()[0];
+  checking.features.find((feature) => feature.properties.name === name).properties.use = 'check';
+  const replace = (all) => served.api('POST', `/control-points?crs=${encodeURIComponent(frame)}&mode=replace`, JSON.stringify(all), { 'content-type': 'application/geo+json' });
+  await replace(checking);
+  const { id, result } = await oriented(served, { bytes: variant(scene().photograph, 'checked'), name: 'checked.png' });
+  const [point] = result.check_points;
+  assert.equal(point.name, name);
+  const checked = await open({ id, query: '?tab=points' });
+  const cells = await checked.locator('.checks tbody tr').locator('th, td').allInnerTexts();
+  assert.deepEqual(cells, [name, point.residual_m.toFixed(3), point.residual_px.toFixed(2), point.residual_m <= result.tolerance_m ? 'within' : '▲ over it']);
+  await axe(checked);
+  await replace(control);
+});
+
 test('it is followed while it runs, and the result comes without loading the page again; names are text', async () => {
   const { control, frame } = scene();
   const named = structuredClone(control);

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::CrsError;
-use crate::geometry::geoid::{self, GeoidFault, GeoidGrid, Geoids};
+use crate::geometry::geoid::{self, GeoidFault, Geoids, NamedGrid};
 
 /// A system of heights above a geoid or quasi-geoid.
 #[derive(Debug, PartialEq)]
@@ -74,39 +74,28 @@ pub(super) struct Heights {
 impl Heights {
     /// The zero of the heights above the ellipsoid at a place, for a system with the name `crs`.
     pub(super) fn undulation_m(&self, crs: &str, longitude_deg: f64, latitude_deg: f64) -> Result<f64, CrsError> {
-        let mut any = false;
-        for name in self.system.grids {
-            let Some(grid) = self.grid(crs, name)? else { continue };
-            any = true;
+        let grids = self.grids(crs)?;
+        for NamedGrid { name, grid } in grids.iter() {
             match grid.undulation_m(longitude_deg, latitude_deg) {
                 Ok(undulation_m) => return Ok(undulation_m),
                 Err(GeoidFault::Outside) => {}
                 Err(fault) => return Err(unreadable(crs, name, fault.to_string())),
             }
         }
-        if any {
-            let (crs, heights) = (crs.to_owned(), self.system.name);
-            Err(CrsError::OutsideGeoidGrid { crs, heights, longitude_deg, latitude_deg })
-        } else {
-            Err(self.missing(crs))
-        }
+        let (crs, heights) = (crs.to_owned(), self.system.name);
+        Err(CrsError::OutsideGeoidGrid { crs, heights, longitude_deg, latitude_deg })
     }
 
     /// Whether there is a grid at all.
     pub(super) fn check(&self, crs: &str) -> Result<(), CrsError> {
-        for name in self.system.grids {
-            if self.grid(crs, name)?.is_some() {
-                return Ok(());
-            }
-        }
-        Err(self.missing(crs))
+        self.grids(crs).map(|_| ())
     }
 
-    fn grid(&self, crs: &str, name: &str) -> Result<Option<Arc<GeoidGrid>>, CrsError> {
-        match self.geoids.as_ref().or_else(|| geoid::installed()) {
-            Some(geoids) => geoids.grid(name).map_err(|reason| unreadable(crs, name, reason)),
-            None => Ok(None),
-        }
+    /// The grids of the system that are there, at least one.
+    fn grids(&self, crs: &str) -> Result<Arc<[NamedGrid]>, CrsError> {
+        let geoids = self.geoids.as_ref().or_else(|| geoid::installed()).ok_or_else(|| self.missing(crs))?;
+        let grids = geoids.grids(self.system.grids).map_err(|fault| unreadable(crs, &fault.name, fault.reason))?;
+        if grids.is_empty() { Err(self.missing(crs)) } else { Ok(grids) }
     }
 
     fn missing(&self, crs: &str) -> CrsError {

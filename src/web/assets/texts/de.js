@@ -88,6 +88,7 @@ export default {
     column_empirical: 'Emp. m', column_empirical_long: 'Empirische Empfindlichkeit: Ohne ihn ändert sich keine Geländekoordinate um mehr, m',
     column_theoretical: 'Theor. m', column_theoretical_long: 'Theoretische Empfindlichkeit: Ein Fehler, den sein Test nicht findet, bewirkt nicht mehr, m',
     pairs: 'Wichtigste Punktpaare', pair: 'Paar',
+    checks: 'Kontrollpunkte', check_m: 'Abw. m', check_px: 'Abw. px', check_tolerance: 'Toleranz', check_within: 'eingehalten', check_over: 'überschritten', check_not_found: 'nicht gefunden',
     window: 'Bild', window_of: 'Bildausschnitt um {name}', accumulator: 'Suche', accumulator_of: 'Log-Likelihood der Verschiebung von {name}; Pfeiltasten bewegen die Zelle',
     no_accumulator: 'Nach Szenen wird nicht Linie für Linie gesucht.', no_window: 'Kein Ausschnitt von diesem Passpunkt.', peak: 'Gipfel', likelihood: 'Log-Likelihood',
     heat_at: 'x {x}, y {y} px: {value}',

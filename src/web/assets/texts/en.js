@@ -88,6 +88,7 @@ export default {
     column_empirical: 'Emp. m', column_empirical_long: 'Empirical sensitivity: leaving it out changes no ground coordinate by more, m',
     column_theoretical: 'Theor. m', column_theoretical_long: 'Theoretical sensitivity: an error of it that its test does not find does no more, m',
     pairs: 'Pairs that matter most', pair: 'Pair',
+    checks: 'Check points', check_m: 'Off m', check_px: 'Off px', check_tolerance: 'Tolerance', check_within: 'within', check_over: 'over it', check_not_found: 'not found',
     window: 'Image', window_of: 'Part of the image around {name}', accumulator: 'Search', accumulator_of: 'Log likelihood of the shift of {name}; arrow keys move the cell',
     no_accumulator: 'Scenes are not searched for line by line.', no_window: 'No picture of this control point.', peak: 'Peak', likelihood: 'log likelihood',
     heat_at: 'x {x}, y {y} px: {value}',

@@ -2,6 +2,7 @@
 
 import { html, nothing } from '../../vendor/lit.js';
 import { t } from '../../texts.js';
+import { checksTable } from './checks.js';
 import { heading } from './figures.js';
 import { groundGrid } from './ground.js';
 import { orientationTab } from './orientation.js';
@@ -41,6 +42,7 @@ const PANELS = {
     ${pointsTable(shown.result, shown.drawing, { sort: state.sort, selected: state.chosen, hovered: state.hovered,
       off: state.correcting && new Set(state.correcting.now.off) }, acts)}
     ${pairsTable(shown.result.pairs, acts.choose)}
+    ${checksTable(shown.result)}
     ${state.chosen !== undefined ? html`${heading(state.chosen)}` : html`
       <p class="quiet-text hint">${t('result.choose_point')}</p>`}
     <div class="point-detail"></div>`,
