@@ -229,6 +229,12 @@ impl Crs {
         self.heights.as_ref().map_or(Ok(()), |heights| heights.check(&self.name))
     }
 
+    /// The EPSG code of its height system, if it is a compound.
+    #[must_use]
+    pub fn heights_code(&self) -> Option<u32> {
+        self.heights.as_ref().map(|heights| heights.system.code)
+    }
+
     /// Whether its first two coordinates are longitude and latitude in degrees.
     #[must_use]
     pub fn is_geographic(&self) -> bool {
