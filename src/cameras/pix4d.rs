@@ -92,6 +92,9 @@ fn entries(text: &str) -> Result<Vec<(String, Entry)>, CameraFileError> {
             entry.take_comment(comment);
         } else if let Some((key, value)) = line.split_once(char::is_whitespace) {
             let value = number(key, value).map_err(|error| wrong(error.to_string()))?;
+            if entry.values.iter().any(|(known, _)| known.eq_ignore_ascii_case(key)) {
+                return Err(wrong(format!("{key} is given twice; each camera begins with a line {HEAD:?}")));
+            }
             entry.values.push((key.to_owned(), value));
         } else if !line.is_empty() {
             return Err(wrong(format!("{line:?} is no name with a value")));

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::exports::{self, File, Format, Photograph, Target};
+use gable::exports::{self, ExportError, File, Format, Photograph, Target};
 use gable::geometry::Crs;
 use gable::jobs::camera_model::camera_model;
 use gable::jobs::exports::{ExportWanted, Exportable};
@@ -45,7 +45,8 @@ pub(crate) struct Export {
     /// Folder for the files; it is made.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// CRS of formats in a map grid. [default: that of the result, or the UTM zone where that has degrees]
+    /// CRS of formats in a map grid. [default: that of the result, or where that has degrees the UTM zone with the same
+    /// heights]
     #[arg(long)]
     crs: Option<Crs>,
     /// Gives heights above the geoid: ellipsoidal height - N.
@@ -60,6 +61,9 @@ pub(crate) struct Export {
     /// Side of a pixel of a digital camera, for formats in millimetres. [default: 4]
     #[arg(long, value_name = "UM")]
     pixel_size_um: Option<f64>,
+    /// Also what is red, or was rejected by staff.
+    #[arg(long)]
+    all: bool,
     #[command(flatten)]
     settings: Settings,
 }
@@ -99,6 +103,8 @@ impl Export {
             ground_height_m: None,
             relief_m: None,
             pixel_size_um: None,
+            // an ortho-photo shows whether a doubtful orientation is right
+            all: true,
             settings,
         }
     }
@@ -118,9 +124,16 @@ impl Export {
         };
         for (format, folder) in formats {
             match exports::write(format, &photographs, &target) {
-                Ok(files) => save(&files, &folder)?,
-                // of all formats some may have no place for the camera
-                Err(error @ exports::ExportError::Camera { .. }) if matches!(self.format, Wanted::All) => {
+                Ok(files) => {
+                    save(&files, &folder)?;
+                    if let Some(residual_px) = exports::residual_max_px(format, &photographs, &target)? {
+                        eprintln!("{}: the fit leaves up to {residual_px:.3} px", format.name());
+                    }
+                }
+                // of all formats some may have no place for the camera, or want a better grid
+                Err(error @ (ExportError::Camera { .. } | ExportError::PoorFit { .. }))
+                    if matches!(self.format, Wanted::All) =>
+                {
                     tracing::warn!("{error}");
                 }
                 Err(error) => return Err(error.into()),
@@ -139,6 +152,7 @@ impl Export {
             ground_height_m: self.ground_height_m,
             relief_m: self.relief_m,
             pixel_size_um: self.pixel_size_um,
+            all: self.all,
         };
         let (mut photographs, mut target) = (Vec::new(), None);
         for file in &self.results {

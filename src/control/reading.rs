@@ -246,17 +246,18 @@ impl KnownCrs {
 fn agreed(reading: &Reading, named: Option<&str>) -> Result<Crs, ReadError> {
     let given = reading.crs.as_ref();
     // an undulation that was given says what the heights are, too
-    let heights_given = given.is_some_and(|given| given.heights().is_some()) || reading.geoid_undulation_m.is_some();
+    let heights_given =
+        given.is_some_and(|given| given.heights_code().is_some()) || reading.geoid_undulation_m.is_some();
     let unknown = |named: &str, source| ReadError::UnknownCrs { named: named.to_owned(), source };
     let crs = match (named.map(|named| (named, Crs::parse(named))), given) {
         (None, given) => given.cloned().ok_or(ReadError::NoCrs)?,
         (Some((named, parsed)), None) => parsed.map_err(|source| unknown(named, source))?,
         (Some((_, Ok(parsed))), Some(given)) => {
-            let one_missing = parsed.heights().is_none() || given.heights().is_none();
-            if !parsed.lies_in_plane_of(given) || !(one_missing || parsed.heights() == given.heights()) {
+            let one_missing = parsed.heights_code().is_none() || given.heights_code().is_none();
+            if !parsed.lies_in_plane_of(given) || !(one_missing || parsed.heights_code() == given.heights_code()) {
                 return Err(ReadError::Contradiction { named: parsed.to_string(), given: given.to_string() });
             }
-            if parsed.heights().is_some() && !heights_given { parsed } else { given.clone() }
+            if parsed.heights_code().is_some() && !heights_given { parsed } else { given.clone() }
         }
         // that its heights are none that are known does not make them ellipsoidal
         (Some((named, Err(source @ CrsError::UnknownHeights { .. }))), Some(_)) if !heights_given => {

@@ -7,12 +7,11 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde_json::{Map, Value, json};
 
 use super::interior::OpenCv;
-use super::tables::word;
-use super::{ExportError, File, Format, Photograph, stem};
+use super::names::word;
+use super::{ExportError, File, Format, Photograph};
 use crate::geometry::LocalFrame;
 
 const TEXT: &str = "text/plain; charset=utf-8";
-const XML: &str = "application/xml";
 
 /// The frame that several photographs share: on the ellipsoid below the mean of their projection centres.
 pub(super) fn shared_frame(photographs: &[Photograph]) -> Result<LocalFrame, ExportError> {
@@ -109,78 +108,6 @@ pub(super) fn colmap(photographs: &[Photograph]) -> Result<Vec<File>, ExportErro
     Ok(vec![file("cameras.txt", cameras), file("images.txt", images), file("points3D.txt", points)])
 }
 
-/// MicMac's folder `Ori-Gable`: an orientation for each photograph, a calibration for each camera. Its camera has x
-/// right, y down, z forward; the distortion leads from ideal to measured pixels (`eConvApero_DistM2C`).
-pub(super) fn micmac(photographs: &[Photograph]) -> Result<Vec<File>, ExportError> {
-    let frame = shared_frame(photographs)?;
-    let mut files: BTreeMap<String, String> = BTreeMap::new();
-    for photograph in photographs {
-        let calibration = format!("Ori-Gable/AutoCal-{}.xml", file_name(&photograph.camera_name));
-        files.insert(calibration.clone(), micmac_calibration(photograph)?);
-        let (rotation, _) = opencv_pose(photograph, &frame);
-        let [x, y, z]: [f64; 3] = frame.from_geocentric(photograph.centre_geocentric_m).into();
-        let world_from_camera = rotation.inverse();
-        let row = |i: usize| {
-            let m = world_from_camera.matrix();
-            format!("<L{0}>{1} {2} {3}</L{0}>", i + 1, m[(i, 0)], m[(i, 1)], m[(i, 2)])
-        };
-        let ground_m = frame.from_geocentric(
-            photograph.ground_geocentric_m(photograph.camera.principal_point_px(), photograph.ground_height_m)?,
-        );
-        let (altitude, depth) = (ground_m.z, (ground_m - Vector3::new(x, y, z)).norm());
-        let text = format!(
-            "<?xml version=\"1.0\" ?>\n<ExportAPERO>\n  <OrientationConique>\n    <OrIntImaM2C>\n      <I00>0 0</I00>\n      \
-             <V10>1 0</V10>\n      <V01>0 1</V01>\n    </OrIntImaM2C>\n    <TypeProj>eProjStenope</TypeProj>\n    \
-             <ZoneUtileInPixel>true</ZoneUtileInPixel>\n    <FileInterne>{}</FileInterne>\n    \
-             <RelativeNameFI>false</RelativeNameFI>\n    <Externe>\n      <AltiSol>{altitude}</AltiSol>\n      \
-             <Profondeur>{depth}</Profondeur>\n      <Time>0</Time>\n      <KnownConv>eConvApero_DistM2C</KnownConv>\n      \
-             <Centre>{x} {y} {z}</Centre>\n      <ParamRotation>\n        <CodageMatr>\n          {}\n          {}\n          \
-             {}\n        </CodageMatr>\n      </ParamRotation>\n    </Externe>\n    <ConvOri>\n      \
-             <KnownConv>eConvApero_DistM2C</KnownConv>\n    </ConvOri>\n  </OrientationConique>\n</ExportAPERO>\n",
-            escaped(&calibration),
-            row(0),
-            row(1),
-            row(2)
-        );
-        files.insert(format!("Ori-Gable/Orientation-{}.xml", file_name(&photograph.name)), text);
-    }
-    Ok(files.into_iter().map(|(name, text)| File { name, media_type: XML, text }).collect())
-}
-
-/// The model of Fraser with coefficients in pixels: `b1` and `b2` act on ideal coordinates there, on bent ones here,
-/// which makes no difference that counts.
-fn micmac_calibration(photograph: &Photograph) -> Result<String, ExportError> {
-    let camera = &photograph.camera;
-    let Some(d) = camera.distortion() else {
-        // for the reason that it gives
-        return OpenCv::of(photograph, Format::Micmac).map(|_| String::new());
-    };
-    let c = camera.principal_distance_px;
-    let principal = camera.principal_point_px();
-    let (x, y) = (principal.x, principal.y);
-    let [k1, k2, k3] = [d.k1 / c.powi(2), d.k2 / c.powi(4), d.k3 / c.powi(6)];
-    let (p1, p2, b1, b2) = (d.p2 / c, d.p1 / c, d.b1_px / c, d.b2_px / c);
-    Ok(format!(
-        "<?xml version=\"1.0\" ?>\n<ExportAPERO>\n  <CalibrationInternConique>\n    \
-         <KnownConv>eConvApero_DistM2C</KnownConv>\n    <PP>{x} {y}</PP>\n    <F>{c}</F>\n    <SzIm>{} {}</SzIm>\n    \
-         <CalibDistortion>\n      <ModPhgrStd>\n        <RadialePart>\n          <CDist>{x} {y}</CDist>\n          \
-         <CoeffDist>{k1:e}</CoeffDist>\n          <CoeffDist>{k2:e}</CoeffDist>\n          <CoeffDist>{k3:e}</CoeffDist>\n        \
-         </RadialePart>\n        <P1>{p1:e}</P1>\n        <P2>{p2:e}</P2>\n        <b1>{b1:e}</b1>\n        <b2>{b2:e}</b2>\n      \
-         </ModPhgrStd>\n    </CalibDistortion>\n  </CalibrationInternConique>\n</ExportAPERO>\n",
-        camera.width_px, camera.height_px
-    ))
-}
-
-/// A name without folders and what a file must not be called.
-pub(super) fn file_name(name: &str) -> String {
-    name.chars().map(|c| if c.is_alphanumeric() || ".-_".contains(c) { c } else { '_' }).collect()
-}
-
 pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-/// The name under which files beside an image go.
-pub(super) fn beside(name: &str, ending: &str) -> String {
-    format!("{}{ending}", file_name(stem(name)))
 }

@@ -28,8 +28,10 @@ pub(super) fn write(photographs: &[Photograph], target: &Target) -> Result<File,
             "pixel_px": "x right, y down, the corner of the top-left pixel is (0, 0), its centre (0.5, 0.5)",
             "pixel_from_centre_px": "the same with the centre of the top-left pixel at (0, 0)",
             "curvature": "local: rigorous; grid: fitted to the ground, the grid taken for a Cartesian frame",
+            "heights": "above the ellipsoid; in grid_crs above what it names, or ellipsoidal height - grid_geoid_undulation_m",
+            "sigma": "standard deviations along and about the axes of its own frame, those of the result",
             "photogrammetric_corrections": "x + x (K0 + K1 r2 + K2 r4 + K3 r6) + P1 (r2 + 2 x2) + 2 P2 x y in mm about the \
-                principal point, y up, added to measured coordinates; the cameras table of ArcGIS has them so, the project of Inpho with the \
+                principal point, y up, added to measured coordinates (pixel_mm: width and height of a pixel); the cameras table of ArcGIS has them so, the project of Inpho with the \
                 other sign, as distortion; neither was tried with their software: compare the check points",
         },
         "grid_crs": target.crs.to_string(),
@@ -59,7 +61,9 @@ fn described(photograph: &Photograph, target: &Target, frame: &LocalFrame) -> Re
         "camera": interior(photograph)?,
         "ground_height_m": photograph.ground_height_m,
         "relief_m": photograph.relief_m,
-        "sigma_local": photograph.sigma_m_rad,
+        "verdict": photograph.judgement.verdict,
+        "review": photograph.judgement.review,
+        "sigma": photograph.sigma,
         "local": {
             "projection_centre_m": local.projection_centre_m.as_slice(),
             "rotation_matrix": rows(&local.camera_from_object),
@@ -98,7 +102,7 @@ fn interior(photograph: &Photograph) -> Result<Value, ExportError> {
             "model": "brown", "k1": d.k1, "k2": d.k2, "k3": d.k3, "p1": d.p1, "p2": d.p2, "b1_px": d.b1_px, "b2_px": d.b2_px,
         });
         described["photogrammetric_corrections"] = json!({
-            "k0_to_k3": corrections.radial, "p1_p2": corrections.tangential,
+            "pixel_mm": corrections.pixel_mm, "k0_to_k3": corrections.radial, "p1_p2": corrections.tangential,
             "residual_max_px": corrections.residual_max_px,
         });
     }

@@ -10,6 +10,8 @@ mod grid;
 mod interior;
 mod local;
 mod manifest;
+mod micmac;
+mod names;
 mod photograph;
 mod rational;
 mod rpc;
@@ -21,10 +23,11 @@ mod vendors;
 use serde::{Deserialize, Serialize};
 
 pub use grid::GridOrientation;
-pub use photograph::Photograph;
+pub use photograph::{Judgement, Photograph, Sigma};
 pub use rational::Rational;
 
 use crate::geometry::{Crs, CrsError};
+use interior::Corrections;
 use nalgebra::Vector3;
 
 /// What can be written.
@@ -112,6 +115,11 @@ impl Format {
     }
 }
 
+/// What a grid that is taken for a Cartesian frame may lose of a photograph at its worst point; more is refused. The Earth's
+/// curvature takes 2 px of an aerial film at 1 : 30 000 in its own UTM zone, for which there is no better grid; web Mercator
+/// takes 50 and more.
+pub const MOST_RESIDUAL_PX: f64 = 5.0;
+
 /// In which coordinates formats are written that want a map grid.
 #[derive(Debug, Clone)]
 pub struct Target {
@@ -123,12 +131,18 @@ pub struct Target {
 
 impl Target {
     /// # Errors
-    /// [`ExportError::Geographic`] if the CRS has degrees, in which nothing can be adjusted.
+    /// [`ExportError::Geographic`] if the CRS has degrees, in which nothing can be adjusted; [`ExportError::Crs`] if its
+    /// heights cannot be computed, or an undulation is given where it would have no effect.
     pub fn new(crs: Crs, geoid_undulation_m: Option<f64>) -> Result<Self, ExportError> {
-        match crs.is_geographic() {
-            true => Err(ExportError::Geographic { crs: crs.to_string() }),
-            false => Ok(Self { crs, geoid_undulation_m }),
+        if crs.is_geographic() {
+            return Err(ExportError::Geographic { crs: crs.to_string() });
         }
+        crs.check_heights(geoid_undulation_m)?;
+        // neither degrees nor a compound: a topocentric frame
+        if geoid_undulation_m.is_some() && !crs.assumes_ellipsoidal_heights() {
+            return Err(CrsError::UndulationWithoutHeight { crs: crs.to_string() }.into());
+        }
+        Ok(Self { crs, geoid_undulation_m })
     }
 
     fn position(&self, geocentric_m: Vector3<f64>) -> Result<[f64; 3], CrsError> {
@@ -171,6 +185,29 @@ pub enum ExportError {
     /// The target does not reach.
     #[error(transparent)]
     Crs(#[from] CrsError),
+    /// A grid that is no Cartesian frame by far.
+    #[error(
+        "{crs}, taken for a Cartesian frame, loses up to {residual_px:.1} px of {name}, and {MOST_RESIDUAL_PX} px may be \
+         lost; give a grid made for the place, such as its UTM zone, or a topocentric frame, as crs"
+    )]
+    PoorFit {
+        /// The photograph.
+        name: String,
+        /// The grid.
+        crs: String,
+        /// What remains at the worst point.
+        residual_px: f64,
+    },
+    /// Two that would be written as one.
+    #[error("{:?} and {:?} would both be called {called:?} in {format}; rename one, or export them apart", names[0], names[1])]
+    Name {
+        /// The format's word.
+        format: &'static str,
+        /// What both would be called.
+        called: String,
+        /// Both.
+        names: [String; 2],
+    },
     /// A format that cannot tell of such a camera.
     #[error("{format} cannot describe the camera {camera:?}: {why}")]
     Camera {
@@ -188,6 +225,7 @@ pub enum ExportError {
 /// # Errors
 /// [`ExportError`]: where one photograph cannot be written, none is.
 pub fn write(format: Format, photographs: &[Photograph], target: &Target) -> Result<Vec<File>, ExportError> {
+    names::check(format, photographs)?;
     match format {
         Format::Manifest => Ok(vec![manifest::write(photographs, target)?]),
         Format::OpkCsv => tables::opk_csv(photographs, target),
@@ -201,21 +239,51 @@ pub fn write(format: Format, photographs: &[Photograph], target: &Target) -> Res
         Format::Esri => vendors::esri(photographs, target),
         Format::Opensfm => local::opensfm(photographs),
         Format::Colmap => local::colmap(photographs),
-        Format::Micmac => local::micmac(photographs),
+        Format::Micmac => micmac::write(photographs),
         Format::Rpc => rpc::write(photographs),
         Format::Footprints => footprints::write(photographs),
     }
 }
 
-/// Each photograph with its orientation in the target.
+/// What is lost on the way into a format at the worst point of all photographs, in pixels; `None` where nothing is fitted.
+///
+/// # Errors
+/// As [`write`].
+pub fn residual_max_px(
+    format: Format,
+    photographs: &[Photograph],
+    target: &Target,
+) -> Result<Option<f64>, ExportError> {
+    let mut worst_px: Option<f64> = None;
+    for photograph in photographs {
+        let in_grid = || GridOrientation::fitted(photograph, target).map(|grid| grid.residual_max_px);
+        let residual_px = match format {
+            Format::OpkCsv | Format::Patb | Format::Bingo | Format::Applanix | Format::Orthority | Format::Pix4d => {
+                in_grid()?
+            }
+            Format::Inpho | Format::Esri => in_grid()? + Corrections::of(photograph, format)?.residual_max_px,
+            Format::Rpc => Rational::fitted(photograph)?.residual_max_px,
+            Format::Manifest | Format::Opensfm | Format::Odm | Format::Colmap | Format::Micmac | Format::Footprints => {
+                return Ok(None);
+            }
+        };
+        worst_px = Some(worst_px.unwrap_or(0.0).max(residual_px));
+    }
+    Ok(worst_px)
+}
+
+/// Each photograph with its orientation in the target, which it must fit.
 fn in_grid<'a>(
     photographs: &'a [Photograph],
     target: &Target,
 ) -> Result<Vec<(&'a Photograph, GridOrientation)>, ExportError> {
-    photographs.iter().map(|photograph| Ok((photograph, GridOrientation::fitted(photograph, target)?))).collect()
-}
-
-/// The name of a file without its extension.
-fn stem(name: &str) -> &str {
-    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
+    let fitted = |photograph: &'a Photograph| {
+        let grid = GridOrientation::fitted(photograph, target)?;
+        if grid.residual_max_px > MOST_RESIDUAL_PX {
+            let (name, crs) = (photograph.name.clone(), target.crs.to_string());
+            return Err(ExportError::PoorFit { name, crs, residual_px: grid.residual_max_px });
+        }
+        Ok((photograph, grid))
+    };
+    photographs.iter().map(fitted).collect()
 }

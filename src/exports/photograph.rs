@@ -1,6 +1,7 @@
 //! An oriented photograph, and where its pixels look on the ground, free of any map.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
+use serde::Serialize;
 
 use super::ExportError;
 use crate::geometry::{Camera, Crs, Ellipsoid, ExteriorOrientation, LocalFrame};
@@ -21,12 +22,47 @@ pub struct Photograph {
     pub centre_geocentric_m: Vector3<f64>,
     /// Rotation of the geocentric axes to the camera frame (x right, y up, z backwards).
     pub camera_from_geocentric: Rotation3<f64>,
-    /// Standard deviations of the projection centre and of omega, phi, kappa in the local frame, where they are known.
-    pub sigma_m_rad: Option<[f64; 6]>,
+    /// How well it is known, where that is told.
+    pub sigma: Option<Sigma>,
+    /// What the system and staff think of it.
+    pub judgement: Judgement,
     /// Mean ellipsoidal height of the ground in view.
     pub ground_height_m: f64,
     /// How far the ground is expected to reach above and below that.
     pub relief_m: f64,
+}
+
+/// Standard deviations about the axes of the result, which are not those of the exports.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sigma {
+    /// The CRS or frame of these axes.
+    pub frame: String,
+    /// Of the projection centre along them.
+    pub projection_centre_m: [f64; 3],
+    /// Of omega, phi and kappa about them.
+    pub omega_phi_kappa_rad: [f64; 3],
+}
+
+/// What is thought of an orientation.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Judgement {
+    /// The system's verdict: `green`, `yellow` or `red`; `None` where nobody has asked.
+    pub verdict: Option<String>,
+    /// What staff have decided: `accepted` or `rejected`.
+    pub review: Option<String>,
+}
+
+impl Judgement {
+    /// Why nobody should use the orientation unknowingly, if so.
+    #[must_use]
+    pub fn warning(&self) -> Option<&'static str> {
+        match (self.review.as_deref(), self.verdict.as_deref()) {
+            (Some("rejected"), _) => Some("staff have rejected it"),
+            (Some("accepted"), _) => None,
+            (_, Some("red")) => Some("its verdict is red"),
+            _ => None,
+        }
+    }
 }
 
 /// The height of a point on the ray is met to this.
@@ -34,6 +70,11 @@ const HEIGHT_TOLERANCE_M: f64 = 1e-5;
 const STEPS: usize = 20;
 /// Shares of the frame's width and height at which formats are fitted and compared, well into the corners.
 pub(super) const SHARES: [f64; 7] = [0.01, 0.15, 0.325, 0.5, 0.675, 0.85, 0.99];
+
+/// The longitude as it is written nearest to another: beyond the antimeridian it goes on.
+pub(super) fn unwrapped_deg(longitude_deg: f64, about_deg: f64) -> f64 {
+    longitude_deg - 360.0 * ((longitude_deg - about_deg) / 360.0).round()
+}
 
 /// A pixel with a point of the ground that it shows.
 #[derive(Debug, Clone, Copy, PartialEq)]

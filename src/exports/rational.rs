@@ -4,13 +4,15 @@
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
 use super::ExportError;
-use super::photograph::{Photograph, Sight};
+use super::photograph::{Photograph, Sight, unwrapped_deg};
 
 const TERMS: usize = 20;
 /// The denominators begin with 1.
 const UNKNOWNS: usize = 2 * TERMS - 1;
 /// Heights at which pixels are fitted; a cubic wants more than four.
 const LEVELS: usize = 7;
+/// Flatter ground is fitted as if it reached so far: levels that coincide would leave the share of the height to chance.
+const LEAST_RELIEF_M: f64 = 5.0;
 /// The columns are nearly dependent; their common part is held at zero with this share of the largest singular value.
 const DAMPING: f64 = 1e-11;
 const ITERATIONS: usize = 4;
@@ -38,10 +40,11 @@ impl Rational {
     /// # Errors
     /// [`ExportError`] where the ground is not in view.
     pub fn fitted(photograph: &Photograph) -> Result<Self, ExportError> {
-        let [low_m, _, high_m] = photograph.heights_m();
-        let level = |k: usize, of: usize| low_m + (high_m - low_m) * k as f64 / of as f64;
+        let relief_m = photograph.relief_m.max(LEAST_RELIEF_M);
+        let level = |k: usize, of: usize| photograph.ground_height_m + relief_m * (2.0 * k as f64 / of as f64 - 1.0);
         let heights_m: Vec<f64> = (0..LEVELS).map(|k| level(k, LEVELS - 1)).collect();
-        let places = places(&photograph.sights(&heights_m)?)?;
+        let about_deg = Photograph::geodetic(photograph.centre_geocentric_m)?[0];
+        let places = places(&photograph.sights(&heights_m)?, about_deg)?;
         let mut rational = Self::normalizing(&places);
         let rows: Vec<[f64; TERMS]> = places.iter().map(|place| terms(rational.normalized(place))).collect();
         let column = |index: usize, of: fn(&Place) -> f64| -> Vec<f64> {
@@ -52,7 +55,7 @@ impl Rational {
         (rational.line, rational.sample) = (line, sample);
         // checked between the heights that were fitted
         let between: Vec<f64> = (0..LEVELS - 1).map(|k| level(2 * k + 1, 2 * (LEVELS - 1))).collect();
-        let checks = self::places(&photograph.sights(&between)?)?;
+        let checks = self::places(&photograph.sights(&between)?, about_deg)?;
         let remaining: Vec<f64> = checks.iter().map(|place| rational.off(place)).collect();
         rational.residual_max_px = remaining.iter().copied().fold(0.0, f64::max);
         let squares: f64 = remaining.iter().map(|px| px * px).sum();
@@ -63,6 +66,7 @@ impl Rational {
     /// The pixel, from the corner of the top-left one, of a longitude and latitude (degrees) and a height (metres).
     #[must_use]
     pub fn pixel(&self, [longitude_deg, latitude_deg, height_m]: [f64; 3]) -> Vector2<f64> {
+        let longitude_deg = unwrapped_deg(longitude_deg, self.offset[3]);
         let place = Place { line: 0.0, sample: 0.0, latitude_deg, longitude_deg, height_m };
         let terms = terms(self.normalized(&place));
         let value = |[numerator, denominator]: &[[f64; TERMS]; 2]| dot(numerator, &terms) / dot(denominator, &terms);
@@ -110,9 +114,10 @@ struct Place {
     height_m: f64,
 }
 
-fn places(sights: &[Sight]) -> Result<Vec<Place>, ExportError> {
+fn places(sights: &[Sight], about_deg: f64) -> Result<Vec<Place>, ExportError> {
     let place = |Sight { pixel, ground_geocentric_m }: &Sight| {
         let [longitude_deg, latitude_deg, height_m] = Photograph::geodetic(*ground_geocentric_m)?;
+        let longitude_deg = unwrapped_deg(longitude_deg, about_deg);
         Ok(Place { line: pixel.y - 0.5, sample: pixel.x - 0.5, latitude_deg, longitude_deg, height_m })
     };
     sights.iter().map(place).collect()

@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::local::{beside, escaped, file_name};
+use super::local::escaped;
+use super::names::{beside, file_name};
 use super::{ExportError, File, Photograph, Rational};
 
 const NAMES: [(&str, &str); 5] =

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::names::word;
 use super::{ExportError, File, Photograph, Target, in_grid};
 
 const TEXT: &str = "text/plain; charset=utf-8";
@@ -22,16 +23,11 @@ pub(super) fn opk_csv(photographs: &[Photograph], target: &Target) -> Result<Vec
 }
 
 /// A field of a CSV (RFC 4180).
-fn quoted(field: &str) -> String {
+pub(super) fn quoted(field: &str) -> String {
     match field.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", field.replace('"', "\"\"")),
         false => field.to_owned(),
     }
-}
-
-/// A name as a field among blanks.
-pub(super) fn word(name: &str) -> String {
-    name.chars().map(|c| if c.is_whitespace() || c.is_control() { '_' } else { c }).collect()
 }
 
 /// PATB: the name, the principal distance in millimetres and the projection centre, then the rotation from the camera to

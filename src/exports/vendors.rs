@@ -7,7 +7,8 @@ use serde_json::json;
 
 use super::interior::{Corrections, OpenCv};
 use super::local::json_file;
-use super::tables::word;
+use super::names::{stem, word};
+use super::tables::quoted;
 use super::{ExportError, File, Format, Photograph, Target, in_grid};
 
 const TEXT: &str = "text/plain; charset=utf-8";
@@ -27,8 +28,8 @@ pub(super) fn pix4d(photographs: &[Photograph], target: &Target) -> Result<Vec<F
         let ([x, y, z], [omega, phi, kappa]) = (grid.centre_m, grid.angles_deg());
         let _ = writeln!(external, "{} {x:.4} {y:.4} {z:.4} {omega:.8} {phi:.8} {kappa:.8}", word(&photograph.name));
     }
-    let mut internal = String::from("Pix4D camera calibration file 0\n");
-    for (name, photograph) in cameras(photographs) {
+    let mut internal = String::new();
+    for (index, (name, photograph)) in cameras(photographs).into_iter().enumerate() {
         let OpenCv { focal_px: [fx, fy], principal_point_px: [px, py], distortion: d } =
             OpenCv::of(photograph, Format::Pix4d)?;
         if (fx - fy).abs() > 0.01 {
@@ -42,9 +43,10 @@ pub(super) fn pix4d(photographs: &[Photograph], target: &Target) -> Result<Vec<F
         let (width, height) = (photograph.camera.width_px, photograph.camera.height_px);
         let _ = writeln!(
             internal,
-            "\n#Camera: {} ({width} x {height})\n#Focal Length mm assuming a sensor width of {}x{}mm\nF {}\n\
+            "Pix4D camera calibration file {index}\n#Camera: {} ({width} x {height})\n\
+             #Focal Length mm assuming a sensor width of {}x{}mm\nF {}\n\
              #Principal Point mm\nPx {}\nPy {}\n#Symmetrical Lens Distortion Coeffs\nK1 {}\nK2 {}\nK3 {}\n\
-             #Tangential Lens Distortion Coeffs\nT1 {}\nT2 {}",
+             #Tangential Lens Distortion Coeffs\nT1 {}\nT2 {}\n",
             word(name),
             f64::from(width) * mm,
             f64::from(height) * mm,
@@ -76,12 +78,8 @@ pub(super) fn inpho(photographs: &[Photograph], target: &Target) -> Result<Vec<F
     );
     for (name, photograph) in cameras(photographs) {
         let camera = &photograph.camera;
-        // refuses what the section has no place for
-        let OpenCv { focal_px: [fx, fy], .. } = OpenCv::of(photograph, Format::Inpho)?;
-        // pixels that are not square are the affine transformation's, which no polynomial of a lens could replace
-        let width_mm = photograph.pixel_size_mm * fy / fx;
-        let corrections = Corrections::fitted_to_pixels(photograph, [width_mm, photograph.pixel_size_mm])?;
-        let (mm, c_mm) = (photograph.pixel_size_mm, photograph.principal_distance_mm());
+        let corrections = Corrections::of(photograph, Format::Inpho)?;
+        let ([width_mm, mm], c_mm) = (corrections.pixel_mm, photograph.principal_distance_mm());
         let principal = camera.principal_point_px();
         // distortion, which is subtracted: what speaks for that is told with the reader, cameras::inpho
         let [k0, k1, k2, k3] = corrections.radial.map(|k| 0.0 - k);
@@ -108,7 +106,7 @@ pub(super) fn inpho(photographs: &[Photograph], target: &Target) -> Result<Vec<F
         let _ = write!(
             text,
             "$PHOTO\n$PHOTO_NUM : {0}\n$PHOTO_FILE : {1}\n$CAMERA_ID : {2}\n$EXT_ORI : 0\n  {c_mm} {x:.4} {y:.4} {z:.4}\n",
-            word(super::stem(&photograph.name)),
+            word(stem(&photograph.name)),
             word(&photograph.name),
             word(&photograph.camera_name)
         );
@@ -181,10 +179,12 @@ fn yaml_float(value: f64) -> String {
 pub(super) fn esri(photographs: &[Photograph], target: &Target) -> Result<Vec<File>, ExportError> {
     let mut frames =
         String::from("ObjectID,Raster,CameraID,PerspectiveX,PerspectiveY,PerspectiveZ,Omega,Phi,Kappa,SRS\n");
+    // a number of the register's says nothing of heights
+    let crs = target.crs.to_string();
+    let srs = crs.strip_prefix("EPSG:").map_or(crs.as_str(), |code| code.split('+').next().unwrap_or(code));
     for (index, (photograph, grid)) in in_grid(photographs, target)?.into_iter().enumerate() {
         let ([x, y, z], [omega, phi, kappa]) = (grid.centre_m, grid.angles_deg());
-        let (name, camera) = (word(&photograph.name), word(&photograph.camera_name));
-        let srs = target.crs.to_string().replace("EPSG:", "");
+        let (name, camera) = (quoted(&photograph.name), quoted(&photograph.camera_name));
         let _ =
             writeln!(frames, "{},{name},{camera},{x:.4},{y:.4},{z:.4},{omega:.8},{phi:.8},{kappa:.8},{srs}", index + 1);
     }
@@ -193,9 +193,8 @@ pub(super) fn esri(photographs: &[Photograph], target: &Target) -> Result<Vec<Fi
          DistortionType,Radial,Tangential\n",
     );
     for (index, (name, photograph)) in cameras(photographs).into_iter().enumerate() {
-        OpenCv::of(photograph, Format::Esri)?;
-        let corrections = Corrections::fitted(photograph)?;
-        let (camera, um) = (&photograph.camera, photograph.pixel_size_mm * UM_PER_MM);
+        let corrections = Corrections::of(photograph, Format::Esri)?;
+        let (camera, [width_um, um]) = (&photograph.camera, corrections.pixel_mm.map(|mm| mm * UM_PER_MM));
         let principal = camera.principal_point_px();
         // coefficients in microns: powers of the radius are microns too
         let [k0, k1, k2, k3] = corrections.radial;
@@ -204,13 +203,13 @@ pub(super) fn esri(photographs: &[Photograph], target: &Target) -> Result<Vec<Fi
         let [k0, k1, k2, k3] = radial;
         let _ = writeln!(
             tables,
-            "{},{},{},0,0,{},{},{um},{},{um},0,{},0,{},1,Konrady,{k0:e};{k1:e};{k2:e};{k3:e},{p1:e};{p2:e}",
+            "{},{},{},0,0,{},{},{um},{},{width_um},0,{},0,{},1,Konrady,{k0:e};{k1:e};{k2:e};{k3:e},{p1:e};{p2:e}",
             index + 1,
-            word(name),
+            quoted(name),
             photograph.principal_distance_mm() * UM_PER_MM,
             camera.width_px,
             camera.height_px,
-            -(principal.x - 0.5) * um,
+            -(principal.x - 0.5) * width_um,
             (principal.y - 0.5) * um,
             -um
         );

@@ -231,7 +231,7 @@ impl Crs {
 
     /// The code of its height system in the EPSG register; `None` if its heights are ellipsoidal, or if it has none.
     #[must_use]
-    pub fn heights(&self) -> Option<u32> {
+    pub fn heights_code(&self) -> Option<u32> {
         self.heights.as_ref().map(|heights| heights.system.code)
     }
 

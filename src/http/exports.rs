@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::io::Write as _;
 
 use axum::extract::State;
-use axum::http::header;
+use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::Deserialize;
 use utoipa::IntoParams;
@@ -18,6 +18,7 @@ use super::openapi::Binary;
 use super::problem::Problem;
 use super::state::AppState;
 use crate::exports::{self, ExportError, File, Format, Photograph};
+use crate::geometry::CrsError;
 use crate::jobs::camera_model::camera_model;
 use crate::jobs::exports::{ExportWanted, Exportable, ExportableError};
 use crate::jobs::request::CameraModel;
@@ -26,6 +27,9 @@ use crate::store::orientations::Status;
 
 /// More photographs are exported in several requests, or block by block.
 const MOST_PHOTOGRAPHS: u32 = 5_000;
+
+/// What is lost of a photograph in a single file.
+const RESIDUAL_HEADER: HeaderName = HeaderName::from_static("gable-residual-max-px");
 
 /// The routes of the exports.
 pub fn routes() -> OpenApiRouter<AppState> {
@@ -41,11 +45,12 @@ struct ExportQuery {
     /// `micmac`, `esri`, `rpc` or `footprints`.
     #[param(example = "orthority", pattern = "^[a-z0-9_]+$")]
     format: String,
-    /// The CRS of formats in a map grid: a grid, or a topocentric frame. Default: that of the result, or the UTM zone
-    /// where that has degrees.
+    /// The CRS of formats in a map grid: a grid, or a topocentric frame. Default: that of the result, or where that has
+    /// degrees the UTM zone with the same heights.
     #[param(example = "EPSG:25832", min_length = 1)]
     crs: Option<String>,
-    /// Gives heights above the geoid: ellipsoidal height - this.
+    /// Gives heights above the geoid in a map grid: ellipsoidal height - this. Default: that of the result, if `crs` is
+    /// left out too.
     geoid_undulation_m: Option<f64>,
     /// Mean height of the ground above the ellipsoid, to which orientations in a map grid are fitted. Default: that of the
     /// control that was used.
@@ -62,7 +67,7 @@ struct ExportQuery {
     #[serde(default)]
     archive: bool,
     /// Of a block: also what is neither green nor accepted by staff, as long as there is an orientation that nobody has
-    /// rejected.
+    /// rejected. Of one orientation: also if it is red or staff have rejected it.
     #[serde(default)]
     all: bool,
 }
@@ -89,6 +94,7 @@ impl ExportQuery {
             ground_height_m: within("ground_height_m", self.ground_height_m, -1000.0, 10_000.0)?,
             relief_m: within("relief_m", self.relief_m, 0.0, 5000.0)?,
             pixel_size_um: within("pixel_size_um", self.pixel_size_um, 0.1, 1000.0)?,
+            all: self.all,
         })
     }
 }
@@ -96,16 +102,16 @@ impl ExportQuery {
 /// Export an orientation
 ///
 /// As the files that other software reads; where staff have accepted a correction, that. Software that takes a map grid for
-/// a Cartesian frame gets the orientation fitted to the ground in the grid; the manifest states what remains of the fit,
-/// and five check points with their pixels by which every import can be verified. A format of one file is that file, one of
-/// several a ZIP archive with the manifest.
+/// a Cartesian frame gets the orientation fitted to the ground in the grid, unless more than 5 px would be lost; the manifest
+/// states what remains of the fit, the verdict, what staff have decided, and five check points with their pixels by which
+/// every import can be verified. A format of one file is that file, one of several a ZIP archive with the manifest.
 #[utoipa::path(
     get, path = "/orientations/{id}/export", operation_id = "export_orientation", tag = "orientations",
     params(("id" = Uuid, Path, description = "The orientation's id"), ExportQuery),
     responses(
-        (status = 200, description = "The file, or an archive of files", content((inline(Binary) = "application/zip"), (String = "text/plain"), (String = "text/csv"), (serde_json::Value = "application/json"), (serde_json::Value = "application/geo+json"))),
+        (status = 200, description = "The file, or an archive of files", headers(("Gable-Residual-Max-Px" = f64, description = "Of a single file to which an orientation was fitted: what remains of the fit at its worst point, in pixels; of an archive the manifest says it")), content((inline(Binary) = "application/zip"), (String = "text/plain"), (String = "text/csv"), (serde_json::Value = "application/json"), (serde_json::Value = "application/geo+json"))),
         (status = 404, description = "There is no such orientation, or nothing was found", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "It has not ended yet", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "It has not ended yet; or it is red or staff have rejected it, and `all` was not given", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "It cannot be exported so", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
     ),
@@ -189,10 +195,11 @@ async fn export(
         if let std::collections::hash_map::Entry::Vacant(vacant) = cameras.entry(camera) {
             vacant.insert(camera_of(state, camera).await?);
         }
-        chosen.push((name_of(row), camera, Exportable::read(text).map_err(|error| Problem::internal(&error))?));
+        let exportable = Exportable::read(text).map_err(|error| Problem::internal(&error))?;
+        chosen.push((name_of(row), camera, exportable.with_review(row.review.clone())));
     }
     let archive = query.archive;
-    let work = move || -> Result<Vec<File>, ExportableError> {
+    let work = move || -> Result<(Vec<File>, Option<f64>), ExportableError> {
         let mut photographs: Vec<Photograph> = Vec::with_capacity(chosen.len());
         let mut target = None;
         for (name, camera, exportable) in &chosen {
@@ -217,12 +224,30 @@ async fn export(
         if is_block {
             files.push(left_out_file(&others));
         }
-        Ok(files)
+        // an archive has its manifest to say so
+        let residual_px = match &files[..] {
+            [_] => exports::residual_max_px(format, &photographs, &target)?,
+            _ => None,
+        };
+        Ok((files, residual_px))
     };
-    let mut files = tokio::task::spawn_blocking(work).await.map_err(|error| Problem::internal(&error))??;
+    let done = tokio::task::spawn_blocking(work).await.map_err(|error| Problem::internal(&error))?;
+    let (mut files, residual_px) = done.map_err(|error| match error {
+        ExportableError::NotOriented if is_block => Problem::conflict(
+            "Nothing of this block can be exported yet: no image is green or accepted by staff. Wait for its images, review \
+             them, or give all=true for those that are neither.",
+        ),
+        error => error.into(),
+    })?;
     if files.len() == 1 && !archive {
         let file = files.remove(0);
-        return Ok(attachment(&file.name, file.media_type, file.text.into_bytes()));
+        let mut answer = attachment(&file.name, file.media_type, file.text.into_bytes());
+        if let Some(residual_px) = residual_px {
+            let value =
+                HeaderValue::try_from(format!("{residual_px:.4}")).map_err(|error| Problem::internal(&error))?;
+            answer.headers_mut().insert(RESIDUAL_HEADER, value);
+        }
+        return Ok(answer);
     }
     let zipped = zipped(&files).map_err(|error| Problem::internal(&error))?;
     Ok(attachment(&format!("{title}-{}.zip", format.name()), "application/zip", zipped))
@@ -271,10 +296,18 @@ impl From<ExportableError> for Problem {
         let detail = error.to_string();
         match error {
             ExportableError::NotOriented => Self::not_found("Nothing was found that could be exported."),
+            ExportableError::Doubtful { .. } => Self::conflict(detail),
             ExportableError::NoGround => Self::invalid_field("?ground_height_m", detail),
-            ExportableError::Crs(_) | ExportableError::Export(ExportError::Geographic { .. } | ExportError::Crs(_)) => {
-                Self::invalid_field("?crs", detail)
-            }
+            ExportableError::Export(ExportError::Crs(
+                CrsError::Undulation { .. }
+                | CrsError::UndulationBesideCompound { .. }
+                | CrsError::UndulationWithoutHeight { .. },
+            )) => Self::invalid_field("?geoid_undulation_m", detail),
+            ExportableError::Crs(_)
+            | ExportableError::Export(
+                ExportError::Geographic { .. } | ExportError::Crs(_) | ExportError::PoorFit { .. },
+            ) => Self::invalid_field("?crs", detail),
+            ExportableError::Export(ExportError::Name { .. }) => Self::invalid(detail),
             ExportableError::Export(ExportError::Camera { .. }) => Self::invalid_field("?format", detail),
             ExportableError::Export(_) => Self::invalid_field("?ground_height_m", detail),
             error => Self::internal(&error),

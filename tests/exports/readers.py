@@ -281,7 +281,7 @@ def esri(export):
     cameras = {row["CameraID"]: row for row in csv.DictReader(export.text("esri/cameras.csv").splitlines())}
 
     def pixel(photo, point):
-        frame = frames[photo["name"].replace(" ", "_")]
+        frame = frames[photo["name"]]
         camera = cameras[frame["CameraID"]]
         centre = np.array([float(frame[f"Perspective{axis}"]) for axis in "XYZ"])
         rotation = degrees(*(float(frame[name]) for name in ("Omega", "Phi", "Kappa")))

@@ -45,6 +45,11 @@ async fn a_format_of_one_file_is_that_file_and_one_of_several_an_archive_with_th
     assert!((numbers[2] - 400.0).abs() < 1e-3, "{line}");
     assert!((5.8e6..5.9e6).contains(&numbers[1]), "{line}");
     assert_eq!(answer.headers["content-disposition"], "attachment; filename=\"geo.txt\"");
+    // a position is no fit, an orientation in a grid is
+    assert!(!answer.headers.contains_key("gable-residual-max-px"));
+    let patb = working.service.get(&export(&format!("format=patb&{WHERE}"))).await;
+    let residual_px: f64 = patb.headers["gable-residual-max-px"].to_str().unwrap().parse().unwrap();
+    assert!((0.0..1.0).contains(&residual_px), "{residual_px}");
     let several = working.service.get(&export(&format!("format=orthority&{WHERE}"))).await;
     assert_eq!(files(&several).into_keys().collect::<Vec<_>>(), ["exterior.geojson", "interior.yaml", "manifest.json"]);
     let archived = working.service.get(&export(&format!("format=odm&archive=true&{WHERE}"))).await;
@@ -52,6 +57,8 @@ async fn a_format_of_one_file_is_that_file_and_one_of_several_an_archive_with_th
     let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
     assert_eq!(manifest["grid_crs"], "EPSG:25833");
     assert_eq!(manifest["photographs"][0]["check_points"].as_array().unwrap().len(), 5);
+    assert_eq!(manifest["photographs"][0]["verdict"], "yellow");
+    assert!(manifest["photographs"][0]["sigma"]["frame"].is_string());
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -71,8 +78,29 @@ async fn what_cannot_be_exported_is_told_with_what_would_be_right() {
         assert_eq!(problem["errors"][0]["pointer"], json!(pointer), "{problem}");
         assert!(problem["errors"][0]["detail"].as_str().unwrap().contains(word), "{problem}");
     }
+    let frame = "%2Bproj%3Dtopocentric%20%2Blon_0%3D16.6%20%2Blat_0%3D52.7%20%2Bh_0%3D0";
+    let query = format!("format=patb&crs={frame}&geoid_undulation_m=46&ground_height_m=50");
+    let answer = working.service.get(&format!("/api/v1/orientations/{id}/export?{query}")).await;
+    assert_eq!(answer.status, 422, "{:?}", answer.body);
+    assert_eq!(answer.json()["errors"][0]["pointer"], "?geoid_undulation_m");
     let missing = "/api/v1/orientations/01890000-0000-7000-8000-000000000000/export?format=odm";
     assert_eq!(working.service.get(missing).await.status, 404);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_staff_have_rejected_is_exported_only_if_all_is_wanted() {
+    let working = Working::with(quick()).await;
+    let id = oriented(&working).await;
+    let reviews = format!("/api/v1/orientations/{id}/reviews");
+    let rejected = json!({"decision": "rejected", "why": "wrong village"});
+    assert_eq!(working.service.post(&reviews, &rejected).await.status, 201);
+    let export = format!("/api/v1/orientations/{id}/export?format=manifest&{WHERE}");
+    let refused = working.service.get(&export).await;
+    assert_eq!(refused.status, 409, "{:?}", refused.body);
+    let detail = refused.json()["detail"].as_str().unwrap().to_owned();
+    assert!(detail.contains("staff have rejected it") && detail.contains("all=true"), "{detail}");
+    let manifest = working.service.get(&format!("{export}&all=true")).await.json();
+    assert_eq!(manifest["photographs"][0]["review"], "rejected");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -94,7 +122,9 @@ async fn of_a_block_what_is_accepted_is_exported_and_the_rest_is_named() {
     };
     let export = |more: &str| format!("/api/v1/blocks/{block}/export?format=odm&{WHERE}{more}");
     // it is yellow, and nobody has accepted it
-    assert_eq!(working.service.get(&export("")).await.status, 404);
+    let nothing = working.service.get(&export("")).await;
+    assert_eq!(nothing.status, 409, "{:?}", nothing.body);
+    assert!(nothing.json()["detail"].as_str().unwrap().contains("all=true"));
     let all = files(&working.service.get(&export("&all=true")).await);
     assert!(all["geo.txt"].contains("a.png "), "{all:?}");
     assert_eq!(all["left_out.csv"], "name,why\nb.png,there is no orientation\n");
@@ -102,5 +132,5 @@ async fn of_a_block_what_is_accepted_is_exported_and_the_rest_is_named() {
     assert_eq!(working.service.post(&reviews, &json!({"decision": "accepted"})).await.status, 201);
     assert!(files(&working.service.get(&export("")).await)["geo.txt"].contains("a.png "));
     working.service.post(&reviews, &json!({"decision": "rejected", "why": "wrong village"})).await;
-    assert_eq!(working.service.get(&export("&all=true")).await.status, 404);
+    assert_eq!(working.service.get(&export("&all=true")).await.status, 409);
 }
