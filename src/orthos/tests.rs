@@ -52,10 +52,10 @@ fn drawn(of: fn(Vector2<f64>) -> f64, gsd_m: f64, shift_m: Vector2<f64>) -> Draw
     Drawn { size_px: [800, 600], ground_from_pixel, shift_m, of, noise: Vec::new() }
 }
 
-fn noisy(drawn: Drawn, sigma: f64, seed: u64) -> Drawn {
+fn noisy(mut drawn: Drawn, sigma: f64, seed: u64) -> Drawn {
     let mut draws = Draws::new(seed);
-    let noise = (0..drawn.size_px[0] * drawn.size_px[1]).map(|_| sigma * draws.normal()).collect();
-    Drawn { noise, ..drawn }
+    drawn.noise = (0..drawn.size_px[0] * drawn.size_px[1]).map(|_| sigma * draws.normal()).collect();
+    drawn
 }
 
 fn ortho(drawn: &Drawn) -> OrthoPhoto<'_> {
