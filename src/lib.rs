@@ -60,3 +60,5 @@ pub mod web;
 pub mod http;
 
 pub mod service;
+
+pub mod cli;

@@ -1,9 +1,7 @@
 //! The program `gable`.
 
-mod cli;
-
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    cli::run()
+    gable::cli::run()
 }

@@ -12,7 +12,7 @@ use proc_macro2::{Delimiter, Spacing, TokenStream, TokenTree};
 /// A room, and which of the rooms before it it may use.
 struct Room(&'static str, &'static [&'static str]);
 
-/// All rooms, in the order of `src/lib.rs`. `main.rs` and `cli` come after them and may use any.
+/// All rooms, in the order of `src/lib.rs`. `main.rs` only calls the last of them.
 const ROOMS: &[Room] = &[
     Room("geometry", &[]),
     Room("estimation", &["geometry"]),
@@ -108,6 +108,37 @@ const ROOMS: &[Room] = &[
         ],
     ),
     Room("service", &["store", "jobs", "webhooks", "configuration", "http"]),
+    Room(
+        "cli",
+        &[
+            "geometry",
+            "features",
+            "scenes",
+            "orientation",
+            "learning",
+            "diagnosis",
+            "interior",
+            "pipeline",
+            "classifiers",
+            "simulation",
+            "study",
+            "imagery",
+            "buildings",
+            "geoids",
+            "cameras",
+            "database",
+            "control",
+            "exports",
+            "orthos",
+            "store",
+            "report",
+            "jobs",
+            "webhooks",
+            "configuration",
+            "http",
+            "service",
+        ],
+    ),
 ];
 
 /// The rooms that are nothing but computing: the same input always gives the same output.
@@ -273,7 +304,7 @@ fn the_rooms_use_only_what_comes_before_them() {
     let mut read = 0;
     for file in sources(&src) {
         let modules = modules(file.strip_prefix(&src).unwrap());
-        let outside = ["main", "lib", "cli"].contains(&modules[0].as_str());
+        let outside = ["main", "lib"].contains(&modules[0].as_str());
         if outside || modules.iter().any(|module| module == "tests") {
             continue;
         }

@@ -2,11 +2,11 @@
 
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 
+use crate::store::accounts::{Change, check_name};
+use crate::store::keys::Role;
+use crate::store::{Store, passwords};
 use anyhow::{Context as _, anyhow, bail};
 use clap::{Args, Subcommand};
-use gable::store::accounts::{Change, check_name};
-use gable::store::keys::Role;
-use gable::store::{Store, passwords};
 
 use super::{Settings, note, print};
 

@@ -1,9 +1,9 @@
 //! `gable audit`.
 
+use crate::store::Store;
+use crate::store::audit::Verified;
 use anyhow::bail;
 use clap::{Args, Subcommand};
-use gable::store::Store;
-use gable::store::audit::Verified;
 
 use super::{Settings, print};
 

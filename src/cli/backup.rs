@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::configuration::Configuration;
+use crate::database::{Database, query};
+use crate::store::Store;
+use crate::store::images::{hexadecimal, sha256_of};
 use anyhow::{Context as _, bail, ensure};
 use clap::Args;
-use gable::configuration::Configuration;
-use gable::database::{Database, query};
-use gable::store::Store;
-use gable::store::images::{hexadecimal, sha256_of};
 use tokio::process::Command;
 
 use super::{Settings, print};

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::imagery::Format;
 use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand};
-use gable::imagery::Format;
 use indicatif::{ProgressBar, ProgressStyle};
 use reqwest::{Client, RequestBuilder, Response, StatusCode, Url};
 use serde_json::Value;

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use crate::cameras::conversion::WARN_PX;
+use crate::cameras::{CameraFileError, Conversion, Converted, FORMATS, Format, Given, Residual, USGS, usgs};
+use crate::geometry::Brown;
+use crate::jobs::film_camera::FilmCameraRequest;
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
-use gable::cameras::conversion::WARN_PX;
-use gable::cameras::{CameraFileError, Conversion, Converted, FORMATS, Format, Given, Residual, USGS, usgs};
-use gable::geometry::Brown;
-use gable::jobs::film_camera::FilmCameraRequest;
 use serde_json::json;
 
 use super::print;

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
+use crate::classifiers::Texts;
+use crate::jobs::active::{ActiveClassifier, SHIPPED, stored_classifier};
+use crate::jobs::training::name_fault;
+use crate::store::Store;
+use crate::store::classifiers::{ClassifierStatus, ClassifierTexts, StoredClassifier};
 use anyhow::{Context as _, anyhow, bail};
 use clap::{Args, Subcommand};
-use gable::classifiers::Texts;
-use gable::jobs::active::{ActiveClassifier, SHIPPED, stored_classifier};
-use gable::jobs::training::name_fault;
-use gable::store::Store;
-use gable::store::classifiers::{ClassifierStatus, ClassifierTexts, StoredClassifier};
 use uuid::Uuid;
 
 use super::{print, sets};

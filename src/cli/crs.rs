@@ -4,10 +4,10 @@ use std::io::{BufRead as _, BufReader, BufWriter, Read, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::geoids::{Found, GeoidFolder, first_used};
+use crate::geometry::{Crs, CrsError};
 use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand};
-use gable::geoids::{Found, GeoidFolder, first_used};
-use gable::geometry::{Crs, CrsError};
 
 use super::{geoids_of_environment, print};
 

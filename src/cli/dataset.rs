@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::configuration::Configuration;
+use crate::control::geojson::Rejection;
+use crate::control::{Kinds, Source, geojson};
+use crate::geometry::{Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
+use crate::http::cameras::DigitalCameraRequest;
+use crate::http::control_scenes::CheckedScene;
+use crate::orientation::ControlPoint;
+use crate::pipeline::Approximation;
 use anyhow::Context as _;
-use gable::configuration::Configuration;
-use gable::control::geojson::Rejection;
-use gable::control::{Kinds, Source, geojson};
-use gable::geometry::{Camera, Crs, ExteriorOrientation, LocalFrame, rotation};
-use gable::http::cameras::DigitalCameraRequest;
-use gable::http::control_scenes::CheckedScene;
-use gable::orientation::ControlPoint;
-use gable::pipeline::Approximation;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;

@@ -7,12 +7,12 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::http::serve::stop_on_signals;
+use crate::service::{Service, Work};
+use crate::simulation::{Scene, SceneSettings};
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::http::serve::stop_on_signals;
-use gable::service::{Service, Work};
-use gable::simulation::{Scene, SceneSettings};
-use gable::store::Store;
 use indicatif::ProgressBar;
 
 use super::{Settings, print};

@@ -4,13 +4,13 @@ use std::io::{IsTerminal as _, Write as _};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use crate::configuration::Configuration;
+use crate::database::{Database, query};
+use crate::geoids::{GeoidFolder, first_used};
+use crate::geometry::Crs;
+use crate::store::Store;
 use anyhow::bail;
 use clap::Args;
-use gable::configuration::Configuration;
-use gable::database::{Database, query};
-use gable::geoids::{GeoidFolder, first_used};
-use gable::geometry::Crs;
-use gable::store::Store;
 use tokio::net::TcpListener;
 
 use super::{Settings, print};

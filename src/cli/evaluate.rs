@@ -5,14 +5,14 @@ mod tables;
 
 use std::path::PathBuf;
 
+use crate::classifiers::{LabelledImage, Loaded};
+use crate::diagnosis::Policy;
+use crate::jobs::active::{ActiveClassifier, shipped_classifier};
+use crate::jobs::request::ControlChoice;
+use crate::learning::Costs;
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::classifiers::{LabelledImage, Loaded};
-use gable::diagnosis::Policy;
-use gable::jobs::active::{ActiveClassifier, shipped_classifier};
-use gable::jobs::request::ControlChoice;
-use gable::learning::Costs;
-use gable::store::Store;
 
 use super::{geoids_of_environment, install_geoids, print, sets};
 use oriented::Approximations;

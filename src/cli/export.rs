@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::exports::{self, ExportError, File, Format, Photograph, Target};
+use crate::geometry::Crs;
+use crate::jobs::camera_model::camera_model;
+use crate::jobs::exports::{ExportWanted, Exportable};
+use crate::jobs::request::CameraModel;
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::exports::{self, ExportError, File, Format, Photograph, Target};
-use gable::geometry::Crs;
-use gable::jobs::camera_model::camera_model;
-use gable::jobs::exports::{ExportWanted, Exportable};
-use gable::jobs::request::CameraModel;
-use gable::store::Store;
 
 use super::orient::camera_of_file;
 use super::{Settings, print};

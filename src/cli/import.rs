@@ -7,18 +7,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::buildings;
+use crate::configuration::Configuration;
+use crate::control::geojson::Defaults;
+use crate::control::points::{self, FileIdentity, Import as Plan, Step};
+use crate::control::sets::NewSet;
+use crate::control::{FileFormat, ImportReport, Mode, Reading, Rejection, Use, Validity};
+use crate::database::Database;
+use crate::geometry::Crs;
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use chrono::NaiveDate;
 use clap::{Args, ValueEnum};
-use gable::buildings;
-use gable::configuration::Configuration;
-use gable::control::geojson::Defaults;
-use gable::control::points::{self, FileIdentity, Import as Plan, Step};
-use gable::control::sets::NewSet;
-use gable::control::{FileFormat, ImportReport, Mode, Reading, Rejection, Use, Validity};
-use gable::database::Database;
-use gable::geometry::Crs;
-use gable::store::Store;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::scenes::{self, Bounds, SceneList};

@@ -6,16 +6,16 @@ use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::imagery::Limits;
+use crate::interior::FilmCamera;
+use crate::jobs::camera_model::camera_model;
+use crate::jobs::interior::{self, InteriorError, InteriorRequest, PreparedInterior};
+use crate::jobs::request::{CameraModel, ScanRequest};
+use crate::report::InteriorResult;
+use crate::report::interior::residual_plot;
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::imagery::Limits;
-use gable::interior::FilmCamera;
-use gable::jobs::camera_model::camera_model;
-use gable::jobs::interior::{self, InteriorError, InteriorRequest, PreparedInterior};
-use gable::jobs::request::{CameraModel, ScanRequest};
-use gable::report::InteriorResult;
-use gable::report::interior::residual_plot;
-use gable::store::Store;
 
 use super::orient::camera_of_file;
 use super::scan::ScanFlags;

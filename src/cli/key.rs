@@ -1,10 +1,10 @@
 //! `gable key`.
 
+use crate::store::Store;
+use crate::store::keys::{Role, random_secret};
 use anyhow::bail;
 use chrono::{DateTime, SecondsFormat, TimeDelta, Utc};
 use clap::{Args, Subcommand};
-use gable::store::Store;
-use gable::store::keys::{Role, random_secret};
 use uuid::Uuid;
 
 use super::{Settings, note, print};

@@ -1,8 +1,8 @@
 //! `gable migrate`.
 
+use crate::database::Database;
+use crate::store::Store;
 use clap::Args;
-use gable::database::Database;
-use gable::store::Store;
 
 use super::{Settings, print};
 

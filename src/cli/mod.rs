@@ -35,14 +35,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
+use crate::configuration::{Configuration, ConfigurationError, LogFormat};
+use crate::geoids::GeoidFolder;
+use crate::geometry::geoid;
+use crate::service::ServiceError;
+use crate::store::Store;
+use crate::store::audit::NewEntry;
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
-use gable::configuration::{Configuration, ConfigurationError, LogFormat};
-use gable::geoids::GeoidFolder;
-use gable::geometry::geoid;
-use gable::service::ServiceError;
-use gable::store::Store;
-use gable::store::audit::NewEntry;
 use tracing_subscriber::EnvFilter;
 
 /// Finds the exterior orientation of single aerial images from roof lines of buildings and small pictures of the
@@ -187,7 +187,7 @@ fn begin_log(configuration: &Configuration) -> anyhow::Result<()> {
 }
 
 /// Reads the command line and does what it says. Status 2 is for settings and arguments that cannot be used.
-pub(crate) fn run() -> ExitCode {
+pub fn run() -> ExitCode {
     let cli = Cli::parse();
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,

@@ -18,6 +18,6 @@ pub(crate) struct OpenApi {}
 impl OpenApi {
     #[expect(clippy::unused_self, reason = "as all commands are run")]
     pub(crate) fn run(self) -> anyhow::Result<()> {
-        super::print(&gable::http::document().to_pretty_json()?)
+        super::print(&crate::http::document().to_pretty_json()?)
     }
 }

@@ -6,32 +6,32 @@ use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::control::Mode;
+use crate::control::geojson::Rejection;
+use crate::control::near::Reach;
+use crate::database::Database;
+use crate::geometry::Crs;
+use crate::http::cameras::CameraRequest;
+use crate::http::extract::parse_json;
+use crate::http::problem::Problem;
+use crate::imagery::{self, ImageFile, Limits};
+use crate::jobs::active::{ActiveClassifier, shipped_classifier};
+use crate::jobs::camera_model::{camera_model, uploaded_templates};
+use crate::jobs::film_camera::Templates;
+use crate::jobs::request::{
+    ApproximationRequest, CameraModel, ControlChoice, CostsRequest, ImageFacts, OrientationRequest,
+};
+use crate::jobs::scenes::ControlNear;
+use crate::jobs::{self, Orient as Pipeline};
+use crate::learning::Costs;
+use crate::pipeline::{self, Observer, Stage};
+use crate::report::drawing::Drawing;
+use crate::report::overlay::{self, Format};
+use crate::report::{OrientationResult, Position, Vertical};
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use chrono::NaiveDate;
 use clap::Args;
-use gable::control::Mode;
-use gable::control::geojson::Rejection;
-use gable::control::near::Reach;
-use gable::database::Database;
-use gable::geometry::Crs;
-use gable::http::cameras::CameraRequest;
-use gable::http::extract::parse_json;
-use gable::http::problem::Problem;
-use gable::imagery::{self, ImageFile, Limits};
-use gable::jobs::active::{ActiveClassifier, shipped_classifier};
-use gable::jobs::camera_model::{camera_model, uploaded_templates};
-use gable::jobs::film_camera::Templates;
-use gable::jobs::request::{
-    ApproximationRequest, CameraModel, ControlChoice, CostsRequest, ImageFacts, OrientationRequest,
-};
-use gable::jobs::scenes::ControlNear;
-use gable::jobs::{self, Orient as Pipeline};
-use gable::learning::Costs;
-use gable::pipeline::{self, Observer, Stage};
-use gable::report::drawing::Drawing;
-use gable::report::overlay::{self, Format};
-use gable::report::{OrientationResult, Position, Vertical};
-use gable::store::Store;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::evaluate::costs;

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::control::{Source, geojson};
+use crate::geometry::Crs;
+use crate::imagery::georeference::{Georeference, world_file_beside};
+use crate::imagery::{ImageFile, Limits};
+use crate::orthos::{OrthoError, OrthoPhoto, Shift, against_edges, against_ortho_photo};
 use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand};
-use gable::control::{Source, geojson};
-use gable::geometry::Crs;
-use gable::imagery::georeference::{Georeference, world_file_beside};
-use gable::imagery::{ImageFile, Limits};
-use gable::orthos::{OrthoError, OrthoPhoto, Shift, against_edges, against_ortho_photo};
 use nalgebra::Vector2;
 use serde_json::json;
 

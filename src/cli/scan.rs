@@ -1,7 +1,7 @@
 //! What the command line says of a scan of film.
 
+use crate::jobs::request::{Reading, ScanRequest, TransformationKind};
 use clap::{Args, ValueEnum};
-use gable::jobs::request::{Reading, ScanRequest, TransformationKind};
 
 /// How a scan of film is brought to its camera's plate.
 #[derive(Debug, Args)]

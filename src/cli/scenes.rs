@@ -3,14 +3,14 @@
 use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
+use crate::configuration::Configuration;
+use crate::control::geojson::Rejection;
+use crate::control::{ImportReport, Mode, scenes};
+use crate::database::Database;
+use crate::http::control_scenes::{CheckedScene, ControlSceneRequest};
+use crate::imagery::Limits;
+use crate::store::now;
 use anyhow::Context as _;
-use gable::configuration::Configuration;
-use gable::control::geojson::Rejection;
-use gable::control::{ImportReport, Mode, scenes};
-use gable::database::Database;
-use gable::http::control_scenes::{CheckedScene, ControlSceneRequest};
-use gable::imagery::Limits;
-use gable::store::now;
 use serde_json::{Map, Value};
 use uuid::Uuid;
 

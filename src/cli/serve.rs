@@ -1,12 +1,12 @@
 //! `gable serve`.
 
+use crate::configuration::{Configuration, ConfigurationError, Setting};
+use crate::http::serve::stop_on_signals;
+use crate::service::{Service, Work};
+use crate::store::Store;
+use crate::store::keys::Role;
 use anyhow::Context as _;
 use clap::Args;
-use gable::configuration::{Configuration, ConfigurationError, Setting};
-use gable::http::serve::stop_on_signals;
-use gable::service::{Service, Work};
-use gable::store::Store;
-use gable::store::keys::Role;
 
 use super::worker::crew;
 use super::{Settings, note};

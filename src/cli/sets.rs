@@ -3,8 +3,8 @@
 use std::io::BufRead as _;
 use std::path::Path;
 
+use crate::classifiers::{LabelledImage, LabelledSet, Loaded, Texts, TrainingSet, texts};
 use anyhow::{Context as _, bail};
-use gable::classifiers::{LabelledImage, LabelledSet, Loaded, Texts, TrainingSet, texts};
 use sha2::{Digest as _, Sha256};
 
 /// Reads labelled sets: files of JSON Lines, or folders of studies.

@@ -9,11 +9,11 @@ mod study;
 
 use std::path::{Path, PathBuf};
 
+use crate::simulation::film::{FilmScene, SCAN_FILE};
+use crate::simulation::{PHOTOGRAPH_FILE, Scene, SceneSettings};
+use crate::study::Mixture;
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::simulation::film::{FilmScene, SCAN_FILE};
-use gable::simulation::{PHOTOGRAPH_FILE, Scene, SceneSettings};
-use gable::study::Mixture;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::orient::read_json;
@@ -105,7 +105,7 @@ pub(crate) struct Simulate {
     write: bool,
 }
 
-/// The mixtures of `gable::study`, for the command line.
+/// The mixtures of `crate::study`, for the command line.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum MixtureName {
     /// Good images with enough control, not free of errors: the paper's area I.

@@ -2,16 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::classifiers::{Comparison, Loaded, Texts, Training, TrainingSet, trained};
+use crate::diagnosis::Policy;
+use crate::diagnosis::judge::threshold;
+use crate::jobs::request::CostsRequest;
+use crate::jobs::training::{Source, TrainingPlan, history};
+use crate::learning::{Costs, Kind};
+use crate::store::Store;
+use crate::store::classifiers::ClassifierTexts;
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::classifiers::{Comparison, Loaded, Texts, Training, TrainingSet, trained};
-use gable::diagnosis::Policy;
-use gable::diagnosis::judge::threshold;
-use gable::jobs::request::CostsRequest;
-use gable::jobs::training::{Source, TrainingPlan, history};
-use gable::learning::{Costs, Kind};
-use gable::store::Store;
-use gable::store::classifiers::ClassifierTexts;
 use indicatif::{ProgressBar, ProgressStyle};
 use uuid::Uuid;
 

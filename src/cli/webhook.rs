@@ -1,8 +1,8 @@
 //! `gable webhook`.
 
+use crate::store::Store;
+use crate::webhooks;
 use clap::{Args, Subcommand};
-use gable::store::Store;
-use gable::webhooks;
 
 use super::{Settings, print};
 

@@ -1,10 +1,10 @@
 //! `gable work`.
 
+use crate::http::serve::stop_on_signals;
+use crate::service::{Service, Work};
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::http::serve::stop_on_signals;
-use gable::service::{Service, Work};
-use gable::store::Store;
 
 use super::Settings;
 use super::worker::crew;

@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
+use crate::configuration::Configuration;
+use crate::http::serve::stop_on_signals;
+use crate::http::state::job_settings;
+use crate::jobs::crew::Crew;
+use crate::jobs::worker;
+use crate::pipeline;
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::configuration::Configuration;
-use gable::http::serve::stop_on_signals;
-use gable::http::state::job_settings;
-use gable::jobs::crew::Crew;
-use gable::jobs::worker;
-use gable::pipeline;
-use gable::store::Store;
 use rustix::process::{Resource, Rlimit, setrlimit};
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, BufReader};

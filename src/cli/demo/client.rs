@@ -1,12 +1,12 @@
 //! A client of the service in the same process. It asks the router that the service answers its sockets with.
 
+use crate::service::Service;
+use crate::simulation::Scene;
 use anyhow::{Context as _, bail};
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::Request;
 use axum::http::request::Builder;
-use gable::service::Service;
-use gable::simulation::Scene;
 use http_body_util::BodyExt as _;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -32,7 +32,7 @@ const PATIENCE_S: u32 = 300;
 
 impl Client {
     pub(super) fn of(service: &Service) -> anyhow::Result<Self> {
-        Ok(Self { app: gable::http::router(service.state().clone())? })
+        Ok(Self { app: crate::http::router(service.state().clone())? })
     }
 
     /// The camera's name.

@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
+use crate::diagnosis::external::d_max_m;
+use crate::geometry::{ExteriorOrientation, rotation};
+use crate::report::Position;
+use crate::simulation::Scene;
 use anyhow::bail;
-use gable::diagnosis::external::d_max_m;
-use gable::geometry::{ExteriorOrientation, rotation};
-use gable::report::Position;
-use gable::simulation::Scene;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::Deserialize;
 
@@ -167,7 +167,7 @@ fn around(difference_deg: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gable::simulation::SceneSettings;
+    use crate::simulation::SceneSettings;
     use serde_json::json;
 
     fn scene() -> Scene {

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
+use crate::classifiers::{LabelledImage, Loaded, Record, Reference};
+use crate::diagnosis::Policy;
+use crate::imagery::{ImageFile, Limits};
+use crate::pipeline::{Approximation, Judge, Observer, Stage, Task, Tolerance, orient};
 use anyhow::Context as _;
 use clap::ValueEnum;
-use gable::classifiers::{LabelledImage, Loaded, Record, Reference};
-use gable::diagnosis::Policy;
-use gable::imagery::{ImageFile, Limits};
-use gable::pipeline::{Approximation, Judge, Observer, Stage, Task, Tolerance, orient};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::super::dataset::{Dataset, DatasetImage, drawn};

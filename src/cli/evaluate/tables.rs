@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use gable::classifiers::{Evaluation, LabelledImage, Loaded, Scored, evidence_of, plot, scored};
-use gable::diagnosis::Policy;
-use gable::diagnosis::judge::threshold;
-use gable::diagnosis::thresholds::{Thresholds, accepts};
-use gable::learning::{Confusion, Costs};
+use crate::classifiers::{Evaluation, LabelledImage, Loaded, Scored, evidence_of, plot, scored};
+use crate::diagnosis::Policy;
+use crate::diagnosis::judge::threshold;
+use crate::diagnosis::thresholds::{Thresholds, accepts};
+use crate::learning::{Confusion, Costs};
 
 /// Thresholds about the one that decides.
 const BESIDE: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];

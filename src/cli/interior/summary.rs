@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use gable::jobs::interior::{PixelSizeOrigin, PreparedInterior};
-use gable::report::InteriorResult;
-use gable::report::interior::MarkReport;
+use crate::jobs::interior::{PixelSizeOrigin, PreparedInterior};
+use crate::report::InteriorResult;
+use crate::report::interior::MarkReport;
 
 use crate::cli::orient::summary::{DIM, RESET, colour};
 

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use gable::report::OrientationResult;
-use gable::report::result::{CheckPointReport, ControlPointReport, CovarianceResult};
+use crate::report::OrientationResult;
+use crate::report::result::{CheckPointReport, ControlPointReport, CovarianceResult};
 
 pub(in crate::cli) const RESET: &str = "\x1b[0m";
 pub(in crate::cli) const DIM: &str = "\x1b[2m";

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use crate::geometry::Crs;
+use crate::imagery::georeference::{Georeference, world_file_beside};
+use crate::imagery::{ImageFile, Limits};
+use crate::scenes::cut::{Ortho, cut};
 use anyhow::{Context as _, bail};
 use clap::Args;
-use gable::geometry::Crs;
-use gable::imagery::georeference::{Georeference, world_file_beside};
-use gable::imagery::{ImageFile, Limits};
-use gable::scenes::cut::{Ortho, cut};
 use nalgebra::Vector2;
 use serde::Deserialize;
 

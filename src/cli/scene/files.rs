@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::geometry::{Brown, Crs, Fisheye, Projection};
+use crate::scenes::Scene;
+use crate::scenes::resect::Target;
 use anyhow::{Context as _, bail};
-use gable::geometry::{Brown, Crs, Fisheye, Projection};
-use gable::scenes::Scene;
-use gable::scenes::resect::Target;
 use nalgebra::{Vector2, Vector3};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;

@@ -3,15 +3,15 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use crate::features::{Picture as _, PixelRect};
+use crate::geometry::{Crs, Ellipsoid, Fisheye};
+use crate::imagery::{ImageFile, Limits};
+use crate::scenes::declination::declination;
+use crate::scenes::rectify::{Layout, Rectified, rectify};
+use crate::scenes::resect::{NadirResection, Target, resect};
 use anyhow::{Context as _, bail};
 use chrono::{Datelike as _, NaiveDate};
 use clap::{Args, ValueEnum};
-use gable::features::{Picture as _, PixelRect};
-use gable::geometry::{Crs, Ellipsoid, Fisheye};
-use gable::imagery::{ImageFile, Limits};
-use gable::scenes::declination::declination;
-use gable::scenes::rectify::{Layout, Rectified, rectify};
-use gable::scenes::resect::{NadirResection, Target, resect};
 use nalgebra::Vector2;
 
 use super::files::{self, Reference, not_negative, pair, positive, scene_name, sending, triple};

@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Mutex;
 
+use crate::features::Picture as _;
+use crate::simulation::film::{SimulatedScan, TiffSettings, write_scan};
+use crate::study::film::{ScanRow, settings, table};
 use anyhow::Context as _;
-use gable::features::Picture as _;
-use gable::simulation::film::{SimulatedScan, TiffSettings, write_scan};
-use gable::study::film::{ScanRow, settings, table};
 
 use super::super::print;
 use super::lines::replace;

@@ -3,12 +3,12 @@
 use std::ops::Range;
 use std::path::Path;
 
+use crate::imagery::{ImageFile, Limits};
+use crate::jobs::request::ControlChoice;
+use crate::orientation::ControlPoint;
+use crate::study::Mixture;
+use crate::study::likeness::{Known, Likeness, measure, side_by_side};
 use anyhow::Context as _;
-use gable::imagery::{ImageFile, Limits};
-use gable::jobs::request::ControlChoice;
-use gable::orientation::ControlPoint;
-use gable::study::Mixture;
-use gable::study::likeness::{Known, Likeness, measure, side_by_side};
 use rayon::prelude::*;
 
 use super::super::dataset::{Dataset, DatasetImage};

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use crate::simulation::{TEMPLATE_M, TerrestrialView};
 use anyhow::Context as _;
-use gable::simulation::{TEMPLATE_M, TerrestrialView};
 use image::GrayImage;
 use nalgebra::Vector2;
 use rand::{Rng as _, SeedableRng as _};

@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::path::Path;
 
+use crate::classifiers::LabelledImage;
+use crate::study::{self, Mixture, Row, mixture};
 use anyhow::{Context as _, bail};
-use gable::classifiers::LabelledImage;
-use gable::study::{self, Mixture, Row, mixture};
 use rustix::fs::FlockOperation;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};

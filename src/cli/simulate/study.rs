@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use crate::features::{GreyWindow, Picture, PictureError, PixelRect};
+use crate::jobs::active::shipped_classifier;
+use crate::learning::Classifier;
+use crate::study::{self, Mixture, Row, paper, plot, table};
 use anyhow::{Context as _, bail};
-use gable::features::{GreyWindow, Picture, PictureError, PixelRect};
-use gable::jobs::active::shipped_classifier;
-use gable::learning::Classifier;
-use gable::study::{self, Mixture, Row, paper, plot, table};
 use indicatif::{ProgressBar, ProgressStyle};
 use rustix::time::{ClockId, clock_gettime};
 

@@ -9,6 +9,7 @@ use super::*;
 use crate::buildings::samples::{Sample, Town, write};
 use crate::buildings::{EdgeKind, Format};
 use crate::control::tests::{collection, feature, reading};
+use crate::geometry::geoid::{GridFileFault, NamedGrid};
 use crate::geometry::{GeoidGrid, Geoids};
 
 /// Has every grid, none of which says anything.
@@ -16,8 +17,9 @@ use crate::geometry::{GeoidGrid, Geoids};
 struct Blank;
 
 impl Geoids for Blank {
-    fn grid(&self, _: &str) -> Result<Option<Arc<GeoidGrid>>, String> {
-        Ok(Some(Arc::new(GeoidGrid::new(Vec::new()))))
+    fn grids(&self, names: &'static [&'static str]) -> Result<Arc<[NamedGrid]>, GridFileFault> {
+        let blank = |name: &&'static str| NamedGrid { name, grid: Arc::new(GeoidGrid::new(Vec::new())) };
+        Ok(names.iter().map(blank).collect())
     }
 }
 
