@@ -166,7 +166,10 @@ impl Import {
     }
 
     fn tell(&self, thing: &str, report: &ImportReport) -> anyhow::Result<()> {
-        let ImportReport { imported, updated, rejected, rejected_count, rejected_by_reason, .. } = report;
+        let ImportReport { imported, updated, rejected, rejected_count, rejected_by_reason, resumed_at, .. } = report;
+        if let Some(item) = resumed_at {
+            print(&format!("went on at {thing} {item}, where it was interrupted; --anew begins again"))?;
+        }
         for rejection in rejected {
             let name = rejection.name.as_deref().unwrap_or("without a name");
             print(&format!("rejected: {thing} {} ({name}): {}", rejection.index, rejection.detail))?;

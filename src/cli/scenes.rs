@@ -59,7 +59,7 @@ impl SceneList {
                 true => Ok(scene),
                 false => Err("the name occurs earlier in this list; names are unique".to_owned()),
             });
-            read.map_err(|detail| Rejection { index, name, detail })
+            read.map_err(|detail| Rejection::new(index, name, detail))
         })
     }
 
@@ -105,7 +105,7 @@ pub(super) async fn import(
                 told.extend(warnings.into_iter().map(|warning| warning.detail));
                 if mode == Mode::Insert && scenes::by_id_or_name(pool, &content.name).await?.is_some() {
                     let detail = "a scene of this name exists already; --mode upsert would replace it".to_owned();
-                    report.reject(Rejection { index, name: Some(content.name), detail });
+                    report.reject(Rejection::new(index, Some(content.name), detail));
                 } else {
                     match scenes::write(pool, Uuid::now_v7(), &content, &file, now()).await?.new {
                         true => report.imported += 1,

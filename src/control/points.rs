@@ -8,6 +8,7 @@ mod rows;
 mod write;
 
 use chrono::NaiveDate;
+use rayon::prelude::*;
 
 use super::ControlError;
 use super::model::StoredControlPoint;
@@ -57,7 +58,7 @@ pub async fn in_box(
     limit: usize,
 ) -> Result<Vec<Kept>, ControlError> {
     let rows: Vec<Row> = rows_in_box(database, IN_BOX, region, (after, limit), |query| filter.bound(query)).await?;
-    rows.into_iter().map(Kept::try_from).collect()
+    rows.into_par_iter().map(Kept::try_from).collect()
 }
 
 /// The parameters are those of the box, the id after which the rows begin, how many there are at most, and those of the

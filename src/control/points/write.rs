@@ -90,7 +90,7 @@ pub(super) async fn write_batch(
                 continue;
             }
         };
-        written.rejected.push(Rejection { index: row.index, name: Some(row.name), detail: detail.to_owned() });
+        written.rejected.push(Rejection::new(row.index, Some(row.name), detail.to_owned()));
     }
     if good.len() >= CURVED {
         good.sort_by_key(|(_, row)| row.curve);
