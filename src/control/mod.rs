@@ -54,6 +54,9 @@ pub enum ControlError {
     /// The database failed.
     #[error("the database of control points failed")]
     Database(#[from] sqlx::Error),
+    /// The set that is imported to is no longer there.
+    #[error("the set was removed while it was imported to; import again")]
+    SetRemoved,
     /// A row is not what was written.
     #[error("what is stored of the control {name:?} is damaged; import it again")]
     Damaged {

@@ -62,8 +62,8 @@ pub async fn in_box(
 }
 
 /// The parameters are those of the box, the id after which the rows begin, how many there are at most, and those of the
-/// [`Filter`]. Only ids are put in order: rows carry all their edges. CROSS JOIN keeps SQLite from walking through all
-/// points in the order that is wanted; the materialized part, and the array, keep PostgreSQL from it.
+/// [`Filter`]. SQLite puts only ids in order: rows carry all their edges. CROSS JOIN keeps it from walking through all
+/// points in the order that is wanted; the materialized part keeps PostgreSQL from it.
 const IN_BOX: Dialects = Dialects {
     sqlite: "WITH wanted AS MATERIALIZED (
                  SELECT p.id
@@ -79,18 +79,16 @@ const IN_BOX: Dialects = Dialects {
                  reference_z_m, edges
              FROM wanted CROSS JOIN control_points p ON p.id = wanted.id",
     postgres: "WITH near AS MATERIALIZED (
-                   SELECT id, set_id, name, valid_from, valid_to
+                   SELECT id, set_id, name, is_check, valid_from, valid_to, sigma_m, reference_x_m, reference_y_m,
+                       reference_z_m, edges
                    FROM control_points WHERE extent && box(point($1, $3), point($2, $4)))
-               SELECT id, set_id, name, is_check, valid_from, valid_to, sigma_m, reference_x_m, reference_y_m,
-                   reference_z_m, edges
-               FROM control_points WHERE id = ANY (ARRAY(
-                   SELECT id FROM near
-                   WHERE id > $5
-                       AND ($7::text IS NULL OR set_id IN
-                           (SELECT id FROM control_sets WHERE name IN (SELECT json_array_elements_text($7::json))))
-                       AND ($8::date IS NULL OR COALESCE(valid_from, $8) <= $8 AND COALESCE(valid_to, $8) >= $8)
-                       AND ($9::text IS NULL OR lower(name) LIKE lower($9) ESCAPE '\\')
-                   ORDER BY id LIMIT $6))",
+               SELECT * FROM near
+               WHERE id > $5
+                   AND ($7::text IS NULL OR set_id IN
+                       (SELECT id FROM control_sets WHERE name IN (SELECT json_array_elements_text($7::json))))
+                   AND ($8::date IS NULL OR COALESCE(valid_from, $8) <= $8 AND COALESCE(valid_to, $8) >= $8)
+                   AND ($9::text IS NULL OR lower(name) LIKE lower($9) ESCAPE '\\')
+               ORDER BY id LIMIT $6",
 };
 
 impl Filter {

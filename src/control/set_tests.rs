@@ -66,6 +66,17 @@ async fn a_building_may_be_in_several_sets() {
 }
 
 #[tokio::test]
+async fn nothing_is_written_into_a_set_that_is_gone() {
+    let pool = database().await;
+    import_to(&pool, "a", &collection(&[feature("1", 16.6, 52.7, 70.0)]), Mode::Upsert).await;
+    let id = sets::by_name(&pool, "a").await.unwrap().unwrap().id;
+    sets::remove(&pool, "a").await.unwrap();
+    let mut transaction = pool.begin_alone().await.unwrap();
+    let widened = sets::widened(&mut transaction, id, GeodeticBox::around_place([16.6, 52.7], 10.0)).await;
+    assert!(matches!(widened, Err(ControlError::SetRemoved)));
+}
+
+#[tokio::test]
 async fn an_import_says_more_of_a_set_and_never_less() {
     let pool = database().await;
     let body = collection(&[feature("a", 16.6, 52.7, 70.0)]);

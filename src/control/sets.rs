@@ -146,14 +146,15 @@ pub(super) async fn counted(transaction: &mut Transaction, set_id: i64, more: i6
     Ok(())
 }
 
-/// Notes that what is written into a set, beside what it has, lies in `region`.
+/// Notes that what is written into a set, beside what it has, lies in `region`, and keeps the set from being removed before
+/// the transaction has ended.
 pub(super) async fn widened(
     transaction: &mut Transaction,
     set_id: i64,
     region: GeodeticBox,
 ) -> Result<(), ControlError> {
     let GeodeticBox { min_lon_deg, max_lon_deg, min_lat_deg, max_lat_deg } = region;
-    query(
+    let found = query(
         "UPDATE control_sets SET
              min_lon_deg = CASE WHEN points > 0 AND min_lon_deg < $1 THEN min_lon_deg ELSE $1 END,
              max_lon_deg = CASE WHEN points > 0 AND max_lon_deg > $2 THEN max_lon_deg ELSE $2 END,
@@ -168,7 +169,7 @@ pub(super) async fn widened(
     .bind(set_id)
     .execute(transaction)
     .await?;
-    Ok(())
+    if found == 0 { Err(ControlError::SetRemoved) } else { Ok(()) }
 }
 
 #[cfg(test)]

@@ -328,6 +328,7 @@ impl From<ControlError> for Problem {
     fn from(error: ControlError) -> Self {
         match error {
             ControlError::Database(error) => error.into(),
+            ControlError::SetRemoved => Self::conflict(error.to_string()),
             error => Self::internal(&error),
         }
     }
