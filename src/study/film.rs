@@ -207,18 +207,20 @@ fn marks(text: &mut String, rows: &[ScanRow]) {
 
 #[cfg(test)]
 mod tests {
+    use rayon::prelude::*;
+
     use super::*;
 
     #[test]
     fn scans_are_brought_to_their_plates_and_nothing_wrong_is_green() {
-        let mut rows = Vec::new();
-        for (seeds, corrupt) in [(1..25, false), (1..9, true)] {
-            for seed in seeds {
-                let settings = settings(seed, corrupt);
-                let scan = SimulatedScan::draw(seed, &settings);
-                rows.push((corrupt, ScanRow::of(seed, &settings, &scan, &scan).unwrap()));
-            }
-        }
+        let row = |(seed, corrupt): (u64, bool)| {
+            let settings = settings(seed, corrupt);
+            let scan = SimulatedScan::draw(seed, &settings);
+            (corrupt, ScanRow::of(seed, &settings, &scan, &scan).unwrap())
+        };
+        let drawn: Vec<(u64, bool)> =
+            (1..25).map(|seed| (seed, false)).chain((1..9).map(|seed| (seed, true))).collect();
+        let rows: Vec<(bool, ScanRow)> = drawn.into_par_iter().map(row).collect();
         for (corrupt, row) in &rows {
             let name = format!("seed {} {corrupt} {:?} {}", row.seed, row.make, row.reason);
             assert!(row.verdict != Verdict::Green || row.is_right(), "{name}: {} px", row.error_px);
