@@ -45,9 +45,6 @@ ALTER TABLE control_points
 ALTER TABLE control_points ALTER COLUMN set_id DROP DEFAULT;
 ALTER TABLE control_points DROP CONSTRAINT control_points_name_key;
 ALTER TABLE control_points ADD CONSTRAINT control_points_by_name UNIQUE (set_id, name);
--- filled in half the time
-DROP INDEX control_points_by_extent;
-CREATE INDEX control_points_by_extent ON control_points USING spgist (extent);
 -- as long lists of bytes they would be compressed, which costs time and gains nothing
 ALTER TABLE control_points ALTER COLUMN edges SET STORAGE EXTERNAL;
 
