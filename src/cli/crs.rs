@@ -24,7 +24,7 @@ Example:
   gable crs heights --geoids /usr/share/proj
       Shows the height systems, the grids that each needs, and which of them are there.";
 
-/// Coordinate reference systems: transform positions, show height systems and their geoid grids
+/// Transform positions between systems; show height systems and their geoid grids
 #[derive(Debug, Args)]
 #[command(after_help = TRANSFORM_EXAMPLES)]
 pub(crate) struct CrsCommand {

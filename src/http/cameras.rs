@@ -21,7 +21,7 @@ use crate::cameras;
 use crate::jobs::camera_model::uploaded_templates;
 use crate::store::cameras::{Added, Removed};
 use answer::CameraAnswer;
-use convert::{AddedCameraAnswer, CalibrationQuery, refuse_other_than_text};
+use convert::{CalibrationQuery, refuse_other_than_text};
 pub use digital::DigitalCameraRequest;
 pub use request::CameraRequest;
 
@@ -61,8 +61,8 @@ pub(super) fn check_name(pointer: &str, name: &str) -> Result<(), Problem> {
     post, path = "/cameras", operation_id = "add_camera", tag = "cameras", request_body = CameraRequest,
     params(CalibrationQuery, ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, description = "Makes the request safe to repeat")),
     responses(
-        (status = 201, description = "Added", body = AddedCameraAnswer),
-        (status = 200, description = "It was there already, the same", body = AddedCameraAnswer),
+        (status = 201, description = "Added", body = CameraAnswer),
+        (status = 200, description = "It was there already, the same", body = CameraAnswer),
         (status = 409, description = "The name belongs to a camera with other content", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "A field makes no sense", body = Problem, content_type = "application/problem+json"),
         (status = "default", description = "Any other problem", body = Problem, content_type = "application/problem+json"),
@@ -110,7 +110,7 @@ async fn create(
         Added::TemplateGone => return Err(Problem::conflict("A template of the camera was deleted at this moment.")),
     };
     let location = format!("/api/v1/cameras/{}", camera.id);
-    let answer = AddedCameraAnswer { camera: CameraAnswer::of(camera)?, conversion };
+    let answer = CameraAnswer::of(camera)?.converted(conversion);
     Ok((status, [(header::LOCATION, location)], axum::Json(answer)).into_response())
 }
 

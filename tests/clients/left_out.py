@@ -12,6 +12,10 @@ KNOWN = {
     # of a flight's list it sends GeoJSON; tables and text by any other HTTP client, or `gable block post`
     ("POST /api/v1/blocks", "Unsupported content type text/csv"),
     ("POST /api/v1/blocks", "Unsupported content type text/plain"),
+    # of control points it sends GeoJSON and CityJSON; the others by any other HTTP client, or `gable import`
+    ("POST /api/v1/control-points", "Unsupported content type application/city+json-seq"),
+    ("POST /api/v1/control-points", "Unsupported content type application/geopackage+sqlite3"),
+    ("POST /api/v1/control-points", "Unsupported content type application/gml+xml"),
     # tus has clients of its own
     ("POST /api/v1/uploads", "Unsupported content type application/offset+octet-stream"),
     ("PATCH /api/v1/uploads/{id}", "Unsupported content type application/offset+octet-stream"),

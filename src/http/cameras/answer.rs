@@ -5,6 +5,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::convert::ConversionAnswer;
 use super::digital::Distortion;
 use crate::geometry::Camera;
 use crate::http::problem::Problem;
@@ -41,6 +42,9 @@ pub(super) struct DigitalCameraAnswer {
     distortion: Distortion,
     /// When it was first given.
     created_at: DateTime<Utc>,
+    /// How well it does what its calibration says; only when it is added with `format`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    conversion: Option<ConversionAnswer>,
 }
 
 /// A film camera, with the defaults filled in and the marks where the distances between them have them.
@@ -57,6 +61,14 @@ pub(super) struct FilmCameraAnswer {
 }
 
 impl CameraAnswer {
+    /// With what is left between a digital camera and the calibration that it was made from.
+    pub(super) fn converted(mut self, answer: Option<ConversionAnswer>) -> Self {
+        if let Self::Digital(camera) = &mut self {
+            camera.conversion = answer;
+        }
+        self
+    }
+
     /// # Errors
     /// 500 if a stored definition is not what this version understands.
     pub(super) fn of(named: NamedCamera) -> Result<Self, Problem> {
@@ -80,5 +92,6 @@ fn digital((id, name, created_at): (Uuid, String, DateTime<Utc>), camera: &Camer
         principal_point_px: camera.principal_point_px().into(),
         distortion: camera.distortion().copied().unwrap_or_default().into(),
         created_at,
+        conversion: None,
     }
 }

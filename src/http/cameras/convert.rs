@@ -4,7 +4,6 @@ use axum::http::HeaderMap;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::answer::CameraAnswer;
 use crate::cameras::conversion::WARN_PX;
 use crate::cameras::{CameraFileError, Conversion, Converted, Format, Given, usgs};
 use crate::http::extract::media_type;
@@ -35,16 +34,6 @@ pub(super) struct CalibrationQuery {
     /// With `usgs`: what the fiducial marks look like, as in `fiducials`; the report does not tell.
     #[param(example = "leica_rc30", min_length = 1)]
     template: Option<String>,
-}
-
-/// A camera that was added, and how well it does what its calibration says.
-#[derive(Debug, Serialize, ToSchema)]
-pub(super) struct AddedCameraAnswer {
-    #[serde(flatten)]
-    pub(super) camera: CameraAnswer,
-    /// Only with `format`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) conversion: Option<ConversionAnswer>,
 }
 
 /// What is left between the camera and the calibration that it was made from.
