@@ -285,15 +285,17 @@ fn check_points_are_not_used_and_tell_how_right_the_orientation_is() {
     check[0] = moved(&check[0], by_m);
     let task = Task { check: check.clone().into(), ..task(&scene) };
     let outcome = run(&picture, &control, &task);
-    assert_eq!(outcome.check_points.len(), 4, "{:?}", outcome.check_points);
+    assert!(check.len() >= 3, "{}", check.len());
+    assert_eq!(outcome.check_points.len(), check.len(), "{:?}", outcome.check_points);
     let gsd_m = scene.ground_sample_distance_m();
     for point in &outcome.check_points {
-        let residual_m = point.residual_m.unwrap();
-        assert!(point.segments_matched >= 2, "{point:?}");
         if point.name == check[0].name {
-            assert!((residual_m - by_m.norm()).abs() < 3.0 * gsd_m, "{point:?} at {gsd_m} m a pixel");
+            // it is looked for where it is said to be: not found there, or found as far off as it is
+            let told = point.residual_m.is_none_or(|residual_m| (residual_m - by_m.norm()).abs() < 3.0 * gsd_m);
+            assert!(told, "{point:?} at {gsd_m} m a pixel");
         } else {
-            assert!(residual_m < 4.0 * gsd_m, "{point:?} at {gsd_m} m a pixel");
+            assert!(point.segments_matched >= 2, "{point:?}");
+            assert!(point.residual_m.unwrap() < 4.0 * gsd_m, "{point:?} at {gsd_m} m a pixel");
         }
     }
     // they change nothing
