@@ -27,7 +27,7 @@ pub(super) struct ListQuery {
     #[param(max_length = 200)]
     q: Option<String>,
     /// Only those of these sets, by their names with commas between; default: of all.
-    #[param(example = "default", min_length = 1)]
+    #[param(example = "default")]
     sets: Option<String>,
     /// Only those that stand like this on that day; default: whenever they stand.
     #[param(example = "2024-05-17")]
@@ -113,7 +113,7 @@ async fn page(state: &AppState, query: ListQuery) -> Result<Page<ControlPointFea
     let rectangle = area.bbox.as_deref().map(Rectangle::parse).transpose()?;
     let region = rectangle.as_ref().map(|rectangle| rectangle.region(&crs)).transpose()?;
     let filter = Filter {
-        sets: of_sets.map(|names| names.split(',').map(str::to_owned).collect()),
+        sets: of_sets.filter(|names| !names.is_empty()).map(|names| names.split(',').map(str::to_owned).collect()),
         date,
         name: searched("q", q.as_deref())?.map(str::to_owned),
     };
