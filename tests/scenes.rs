@@ -285,8 +285,8 @@ fn check_points_are_not_used_and_tell_how_right_the_orientation_is() {
     check[0] = moved(&check[0], by_m);
     let task = Task { check: check.clone().into(), ..task(&scene) };
     let outcome = run(&picture, &control, &task);
-    assert!(check.len() >= 3, "{}", check.len());
-    assert_eq!(outcome.check_points.len(), check.len(), "{:?}", outcome.check_points);
+    // those whose reference point is in view
+    assert!(outcome.check_points.len() >= 3, "{:?}", outcome.check_points);
     let gsd_m = scene.ground_sample_distance_m();
     for point in &outcome.check_points {
         if point.name == check[0].name {
